@@ -55,7 +55,7 @@ def test_an_inverted_gyro_is_found_and_ctrl_c_ends_the_watching(
     assert time.monotonic() - began_s < 60.0
     found, _, summary = unwrapped(capsys).rpartition("checks:")
     assert "FAULT" in found
-    assert "gyro and wheels turn in opposite senses" in found
+    assert "gyro and wheels turn in opposite directions" in found
     assert "1 FAULT" in summary
     assert emulator.is_running
 
@@ -63,7 +63,7 @@ def test_an_inverted_gyro_is_found_and_ctrl_c_ends_the_watching(
 def test_a_dead_encoder_is_found(emulator: Emulator, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     emulator.left_slip = -1.0
     assert main(["check", "--live", str(config), "--seconds", "5", "--drove", "forward"]) == 1
-    assert "the left counter stands still although you drove" in unwrapped(capsys)
+    assert "the left counter does not count although you drove" in unwrapped(capsys)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_a_folder_with_an_inverted_gyro_is_told(tmp_path: Path, capsys: pytest.C
     assert "wiring" not in capsys.readouterr().out
     invert_gyro(folder)
     assert main(["replay", str(folder)]) == 0
-    assert "wiring: directions: gyro and wheels turn in opposite senses" in capsys.readouterr().out
+    assert "wiring: directions: gyro and wheels turn in opposite directions" in capsys.readouterr().out
 
 
 def test_a_recording_of_the_daemon_is_judged_with_the_configuration_in_force(tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def test_a_recording_of_the_daemon_is_judged_with_the_configuration_in_force(tmp
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text((tmp_path / "robot.yaml").read_text().replace("ecore,", "ecore, positive: counterclockwise,"))
     (note,) = [note for note in replay_mcap(file, config=wrong).notes if "wiring" in note]
-    assert "opposite senses" in note
+    assert "opposite directions" in note
 
 
 @pytest.mark.recordings
@@ -62,4 +62,4 @@ def test_a_real_robot_with_an_inverted_gyro_is(tmp_path: Path) -> None:
     folder.chmod(0o755)
     invert_gyro(folder)
     (note,) = [note for note in replay_folder(read_recording(folder)).notes if "wiring" in note]
-    assert "opposite senses" in note
+    assert "opposite directions" in note

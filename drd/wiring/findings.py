@@ -1,4 +1,4 @@
-"""The results of a wiring check, and what the user says that the robot did."""
+"""The results of a wiring check, and the user's statement of the robot's motion."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Statement:
-    """Said by the user: drove 1 forward, -1 backward; turned 1 left, -1 right; 0: not said. Distance straight, m."""
+    """Stated by the user: drove 1 forward, -1 backward; turned 1 left, -1 right; 0: unknown. Distance straight, m."""
 
     drove: int = 0
     turned: int = 0
@@ -43,7 +43,7 @@ def fault(check: str, text: str, remedy: str) -> Finding:
 
 
 def unknown(check: str, text: str, remedy: str = "") -> Finding:
-    """A check that the data cannot decide; the remedy says what manoeuvre would."""
+    """A check that the data do not decide; the remedy names a manoeuvre that would."""
     return Finding(check, Outcome.UNKNOWN, text, remedy)
 
 

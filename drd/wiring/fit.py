@@ -1,4 +1,4 @@
-"""How the wheels' turn and travel go with the gyro's turn: which side counts which way, and by which ratio."""
+"""Regression of the wheels' turn and travel on the gyro's turn: the sign of each side, and the ratio."""
 
 import math
 from dataclasses import dataclass

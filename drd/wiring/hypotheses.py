@@ -6,7 +6,7 @@ from itertools import product
 
 @dataclass(frozen=True)
 class Wiring:
-    """What is wrong, each on its own; sides are those of the configuration."""
+    """A set of wiring faults; sides are those of the configuration."""
 
     gyro: bool = False
     swapped: bool = False
@@ -15,11 +15,11 @@ class Wiring:
 
     @property
     def changes(self) -> int:
-        """Mistakes that it takes; the wrong idea of what is forward, on both sides, is one."""
+        """Number of faults; a wrong forward direction on both sides counts as one."""
         return self.gyro + self.swapped + (self.left or self.right)
 
     def words(self) -> str:
-        """What is wrong, in words."""
+        """The faults in words."""
         wheels = {
             (True, True): "both wheels count backwards",
             (True, False): "the left wheel counts backwards",
@@ -36,10 +36,10 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen; None: not known.
+    """Observed signs; None: not known.
 
-    `one_inverted`: the wheels' sum goes with the turning instead of their difference. `opposite`: gyro against that.
-    `gyro_turn`, `wheel_turn`, `wheel_travel`: sign of each while the user says he turned left, or drove forward.
+    `one_inverted`: the wheels' sum follows the turning instead of their difference. `opposite`: the gyro opposes it.
+    `gyro_turn`, `wheel_turn`, `wheel_travel`: sign of each while, as stated, the robot turned left or drove forward.
     """
 
     one_inverted: bool | None = None
@@ -49,7 +49,7 @@ class Seen:
     wheel_travel: int | None = None
 
     def agrees(self, wiring: Wiring) -> bool:
-        """Whether this wiring would have looked so."""
+        """Whether this wiring would give these signs."""
         turn_v, turn_w, sum_v, sum_w = wiring.coefficients()
         inverted = turn_w == 0
         gyro = -1 if wiring.gyro else 1
@@ -60,7 +60,7 @@ class Seen:
 
 
 def explanations(seen: Seen, has_gyro: bool = True) -> list[Wiring]:
-    """The wirings with fewest mistakes that agree with what was seen; `Wiring()` alone where all is right."""
+    """The wirings with the fewest faults that agree with the signs; `Wiring()` alone where all is correct."""
     every = [Wiring(*flags) for flags in product((False, True), repeat=4)]
     fit = [wiring for wiring in every if seen.agrees(wiring) and (has_gyro or not wiring.gyro)]
     least = min((wiring.changes for wiring in fit), default=0)

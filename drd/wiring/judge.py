@@ -1,4 +1,4 @@
-"""What the samples of both sensors say about the wiring: findings, each good, a fault or not determined."""
+"""Judgement of the wiring from the samples of both sensors: findings, each good, a fault or not determined."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ LATE_S: Final = 0.25
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the judging needs of the configuration."""
+    """The part of the configuration that the judgement needs."""
 
     tread_m: float
     resolution_m: float
@@ -84,7 +84,7 @@ class _Turns:
 
 
 def total(angles: Array) -> float:
-    """Sum of the sizes of what is more than noise."""
+    """Sum of the absolute angles that exceed noise, rad."""
     size = np.abs(angles)
     return float(size[size > WINDOW_TURN_RAD].sum())
 
@@ -92,7 +92,7 @@ def total(angles: Array) -> float:
 def judge(
     gyro: Sequence[GyroSample], wheels: Sequence[WheelSample], robot: Geometry, said: Statement | None = None
 ) -> list[Finding]:
-    """All findings, in the order in which people look for them. Times must rise within each sensor's samples.
+    """All findings, in the order in which people look for them. Times must increase within each sensor's samples.
 
     Equations (42) to (45). It takes about 0.1 s for an hour of samples.
     """
@@ -104,7 +104,7 @@ def judge(
     windows = common_windows(turned, wheel, robot.still_m)
     findings = [words.data(gyro if robot.has_gyro else None, wheels)]
     if windows.left_m.size == 0:
-        return [*findings, unknown("motion", "no two seconds without a gap", "Watch for longer.")]
+        return [*findings, unknown("motion", "no two seconds without a gap", "Observe for longer.")]
     moving = dead_sides(travels(wheel), windows, robot.tread_m, robot.still_m, said, robot.has_gyro)
     alive = [gyro_alive(gyro, windows, said, robot.tread_m)] if robot.has_gyro else []
     findings += [moving, *alive, *(held(side, wheels, robot.resolution_m) for side in Side)]
@@ -120,7 +120,7 @@ def _turns(windows: Windows, wheels: Curve, tread_m: float) -> _Turns:
 
 
 def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geometry, said: Statement) -> list[Finding]:
-    """What both wheels and the gyro say together."""
+    """Findings from both wheels and the gyro together."""
     turns = _turns(windows, wheels, robot.tread_m)
     if gyro is None:
         evidence = words.wheels_alone(turns.turn, turns.travel * turns.tread_m / 2.0)
@@ -150,12 +150,12 @@ def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geomet
 
 
 def _gyro_is_small(turns: _Turns) -> bool:
-    """Whether the gyro tells the wheels' turn, and nothing but that, many times too small: its unit is wrong."""
+    """Whether the gyro shows the wheels' turn, and only that, many times too small: its unit is wrong."""
     return goes_with(turns.turn, turns.gyro) and not goes_with(turns.travel, turns.gyro)
 
 
 def _way(fits: dict[tuple[bool, bool], Fit]) -> tuple[bool, bool]:
-    """The way with the least residual, if clearly better than the configured one; else that.  # (43)"""
+    """The senses with the least residual, if clearly better than the configured ones; else those.  # (43)"""
     best, configured = min(fits, key=lambda way: fits[way].cost), (False, False)
     return best if fits[configured].cost > CLEARLY * fits[best].cost + SLACK_RAD**2 else configured
 
@@ -167,7 +167,7 @@ def _sign(motion: Array, stated: int) -> int | None:
 
 
 def _with_drive(seen: Seen, turns: _Turns, said: Statement) -> Seen:
-    """Add the sense of forward travel, seen where the robot did not turn."""
+    """Add the sign of forward travel, seen where the robot did not turn."""
     forward = turns.turn if seen.one_inverted else turns.travel
     if float(np.abs(forward).sum()) < 2.0 * ENOUGH_TREADS:
         return seen
@@ -217,8 +217,8 @@ def _asymmetry(turns: _Turns, chosen: Fit) -> Finding:
     k, sigma = chosen.asymmetry, chosen.asymmetry_sigma
     straight_m = float(np.abs(turns.travel).sum()) * turns.tread_m / 2.0
     if sigma > KNOWN or straight_m < ENOUGH_TREADS * turns.tread_m or turns.are_few:
-        text = f"{straight_m:.2g} m forward, but too short a time, or too little of it without turning"
-        return unknown("left against right", text, "Drive straight ahead, for ten seconds or more.")
+        text = f"{straight_m:.2g} m forward, but for too short a time, or too little of it without turning"
+        return unknown("left against right", text, "Drive straight ahead for ten seconds or more.")
     ratio, ratio_sigma = (1.0 + k) / (1.0 - k), 2.0 * sigma / (1.0 - k) ** 2
     size = max(ratio, 1.0 / ratio)
     wrong = size - 2.0 * ratio_sigma * size / ratio > WRONG
@@ -230,7 +230,7 @@ def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
     ratio = 1.0 / abs(chosen.ratio)
     sigma = chosen.ratio_sigma * ratio**2
     if sigma > RATIO_SIGMA * ratio or turns.are_few:
-        text = f"gyro = {ratio:.2g} +- {sigma:.1g} of the wheels"
+        text = f"gyro = {ratio:.2g} +- {sigma:.1g} times the wheels"
         return unknown(
             "turn ratio", text, "Turn more: on the spot, or in curves and with straight pieces between them."
         )

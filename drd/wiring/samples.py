@@ -16,7 +16,7 @@ class Samples(Observer):
         self.byte_count = 0
 
     def judge(self, pipeline: Pipeline, robot: Robot, said: Statement | None = None) -> list[Finding]:
-        """Findings about what was kept; `robot` is the pipeline's configuration."""
+        """Findings about the kept samples; `robot` is the pipeline's configuration."""
         geometry = Geometry(robot.tread_m, pipeline.encoders.resolution_m, pipeline.fog is not None)
         return judge(self.gyro_samples, self.wheel_samples, geometry, said)
 

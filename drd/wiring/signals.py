@@ -1,4 +1,4 @@
-"""Each sensor on its own: an encoder that is dead, a value that is held, a gyro that says nothing."""
+"""Each sensor by itself: a dead encoder, repeated values, a gyro whose reading never changes."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -34,9 +34,9 @@ STILL_DEG_S: Final = 1.0
 def dead_sides(
     travels_m: Array, windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool
 ) -> Finding:
-    """Whether both counters count; a dead one told from a parked robot and from a turn about the wheel that stands.
+    """Whether both counters count; tells a dead one from a parked robot and from a turn about the stationary wheel.
 
-    `travels_m`: of both wheels, (k, 2), whatever the gyro has seen; `windows`: what both sensors have seen.
+    `travels_m`: of both wheels, (k, 2), regardless of the gyro; `windows`: motion that both sensors have seen.
     """
     sides = {side: travels_m[:, side.value] for side in Side}
     distance_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
@@ -44,26 +44,26 @@ def dead_sides(
     still = [side for side in Side if reach_m[side] <= max(still_m, STILL_SHARE * max(reach_m.values()))]
     distances = f"left moved {distance_m[Side.LEFT]:.2f} m, right {distance_m[Side.RIGHT]:.2f} m"
     if not still:
-        return good("encoders", f"{distances}, forward and backward added")
+        return good("encoders", f"{distances}, forward plus backward")
     if len(still) == 2:
         return _parked(windows, distances, said)
     side, other = still[0], Side(1 - still[0].value)
     name = side.name.lower()
-    text = f"{distances}: the {name} counter stands still"
-    remedy = f"Look at the {name} encoder's supply, cable and shaft, and at encoders.{name}."
+    text = f"{distances}: the {name} counter does not count"
+    remedy = f"Check the {name} encoder's supply, cable and shaft, and encoders.{name}."
     if said.drove:
         return fault("encoders", f"{text} although you drove", remedy)
     seen_m = windows.left_m if other is Side.LEFT else windows.right_m
     if float(np.abs(seen_m).sum()) < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
-        return unknown("encoders", text, "Drive straight ahead, a few metres, and say so: --drove forward.")
+        return unknown("encoders", text, "Drive a few metres straight ahead and state --drove forward.")
     turn, gyro = seen_m / tread_m, np.abs(windows.gyro_rad)
     ratio = float(gyro @ np.abs(turn)) / float(gyro @ gyro + 1e-12)
     explained = 1.0 - float(((np.abs(turn) - ratio * gyro) ** 2).sum()) / float(turn @ turn)
     gyro_deg, turn_deg = float(gyro.sum()) * DEG_PER_RAD, float(np.abs(turn).sum()) * DEG_PER_RAD
-    told = f"the wheels alone would say {turn_deg:.0f} deg of turning, the gyro saw {gyro_deg:.0f} deg"
+    told = f"the wheels alone give {turn_deg:.0f} deg of turning, the gyro {gyro_deg:.0f} deg"
     if explained > PIVOT_EXPLAINED and PIVOT_RATIO[0] < ratio < PIVOT_RATIO[1]:
-        pivot = f"{text}; {told}, which a turn about the {name} wheel would give, too"
-        return unknown("encoders", pivot, "Drive straight ahead, a few metres.")
+        pivot = f"{text}; {told}, which a turn about the {name} wheel would also give"
+        return unknown("encoders", pivot, "Drive a few metres straight ahead.")
     return fault("encoders", f"{text} while the robot moves: {told}", remedy)
 
 
@@ -73,14 +73,14 @@ def _parked(windows: Windows, distances: str, said: Statement) -> Finding:
         told = f"{distances}, the gyro turned {turned_deg:.0f} deg: the robot is parked"
         return unknown("encoders", told, "Push or drive it: straight ahead, then to the left.")
     text = f"{distances}, while the gyro turned {turned_deg:.0f} deg"
-    remedy = "Both counters stand still: are the encoders powered, do their frames change?"
+    remedy = "Neither counter counts: are the encoders powered, and do their frames change?"
     if said.drove or said.turned:
-        return fault("encoders", f"{text} and you say that it moved", remedy)
-    return unknown("encoders", f"{text}: both are dead, or the robot was turned with its wheels still", remedy)
+        return fault("encoders", f"{text} and you stated that the robot moved", remedy)
+    return unknown("encoders", f"{text}: both are dead, or the robot was turned with its wheels at rest", remedy)
 
 
 def held(side: Side, samples: Sequence[WheelSample], resolution_m: float) -> Finding:
-    """Whether the counter's value is the same in several samples while its wheel turns."""
+    """Whether the counter's value repeats in several samples while its wheel turns."""
     check = f"{side.name.lower()} values"
     column = 2 + side.value
     steps = np.abs(np.array([sample[column] for sample in samples]))
@@ -92,11 +92,11 @@ def held(side: Side, samples: Sequence[WheelSample], resolution_m: float) -> Fin
     if fast.sum() < SAMPLES:
         return unknown(check, "the wheel hardly moved", "Drive for ten seconds or more.")
     share = float(pause[fast].sum() / (pause[fast] + 1).sum())
-    text = f"{100.0 * share:.0f} % of the samples repeat the one before while the wheel turns"
+    text = f"{100.0 * share:.0f} % of the samples repeat the previous one while the wheel turns"
     if share < HELD_SHARE:
         return good(check, text)
     remedy = (
-        "The device sends more often than it measures: let it measure faster, or send (encoders.rate_hz) less often."
+        "The device sends more often than it measures: make it measure faster, or send (encoders.rate_hz) less often."
     )
     return fault(check, text, remedy)
 
@@ -106,14 +106,14 @@ def gyro_alive(samples: Sequence[GyroSample], windows: Windows, said: Statement,
     rates: npt.NDArray[np.float64] = np.array([sample.rate_rad_s for sample in samples]) * DEG_PER_RAD
     low, high = float(rates.min()), float(rates.max())
     if len(rates) < SAMPLES:
-        return unknown("gyro", f"only {len(rates)} samples", "Watch for longer.")
+        return unknown("gyro", f"only {len(rates)} samples", "Observe for longer.")
     if low < high:
         return good("gyro", f"rates from {low:+.3g} to {high:+.3g} deg/s")
-    text = f"each of its {len(rates)} samples says {low:.4g} deg/s"
+    text = f"all {len(rates)} samples are {low:.4g} deg/s"
     turns_deg = (windows.right_m - windows.left_m) / tread_m * DEG_PER_RAD
     # A robot on a steady circle, with a gyro that has little noise, does not show it.
     if float(np.ptp(turns_deg)) > CHANGE_DEG or (said.turned and abs(low) < STILL_DEG_S):
-        remedy = "The gyro is dead, or fog.protocol or fog.axis reads something else."
+        remedy = "The gyro is dead, or fog.protocol or fog.axis is wrong."
         wheels_deg = float(np.abs(turns_deg).sum())
-        return fault("gyro", f"{text}, while the wheels turned {wheels_deg:.0f} deg, not evenly", remedy)
-    return unknown("gyro", text, "Turn the robot: does it change?")
+        return fault("gyro", f"{text}, while the wheels turned {wheels_deg:.0f} deg, not steadily", remedy)
+    return unknown("gyro", text, "Turn the robot: does the reading change?")

@@ -1,4 +1,4 @@
-"""Both sensors' motion on common windows of time, and how much later one tells it than the other."""
+"""Both sensors' motion on common time windows, and the delay of one behind the other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Windows:
-    """Motion in windows in which all was seen, shape (n,) each; `gyro_rad` has the bias taken off."""
+    """Motion in windows in which all was seen, shape (n,) each; `gyro_rad` is free of the bias seen at standstill."""
 
     gyro_rad: Array
     left_m: Array
@@ -61,7 +61,7 @@ class Windows:
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later the gyro tells the motion than the wheels (negative: earlier), s."""
+    """Delay of the gyro behind the wheels (negative: ahead), s."""
 
     lag_s: float
     sigma_s: float
