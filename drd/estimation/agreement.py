@@ -33,20 +33,20 @@ class Agreement:
         self.parted_rad = 0.0
 
     def anew(self, track: Track) -> "Agreement":
-        """One that knows of no disagreement yet: of a filter that has started again, as the gyro has not."""
+        """A comparison without disagreement so far, for a filter that has started again; the gyro has not."""
         anew = Agreement(self._limit, self._reasons, self._counters)
         anew._repeats, anew._repeats_ns = self._repeats, self._repeats_ns
         anew.pose_was_set(track)
         return anew
 
     def take_over(self, other: "Agreement") -> None:
-        """Go on in another's place, about the same sensors."""
+        """Continue in another's place, with the same sensors."""
         self._rejections, self._rejected_ns, self.parted_rad = other._rejections, other._rejected_ns, other.parted_rad
         self._is_slip, self._slipped_m, self._drift = other._is_slip, other._slipped_m, other._drift
         self._repeats, self._repeats_ns = other._repeats, other._repeats_ns
 
     def pose_was_set(self, track: Track) -> None:
-        """Forget errors from before: they are not in the pose."""
+        """Forget earlier errors: they are not in the pose."""
         self._slipped_m.forget()
         self._repeats.pose_was_set(track)
         self._drift.pose_was_set(track)
@@ -90,7 +90,7 @@ class Agreement:
         return True
 
     def slip(self, track: Track, t_ns: int, parted_rad: float) -> None:
-        """The wheels' heading is worth no more than this, and what it has taught is not believed. (18)
+        """Widen the wheels' heading by this error, and undo what it has taught. (18)
 
         If it was one wheel, the middle's travel is wrong by half of it; while it lasts always to the same side.
         """
@@ -103,15 +103,15 @@ class Agreement:
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
     def gyro_repeats(self, track: Track, times: int, t_ns: int) -> None:
-        """It has said the same again, so often until `t_ns`: what was known at first may have to be gone back to."""
+        """Note that it has repeated itself, so often until `t_ns`: the constants may have to be restored."""
         if times == 1:
             self._repeats.begin(track.hindsight.now(track.kf))
         elif times >= STUCK_READINGS:
             self._repeats_ns = t_ns
 
     def _cover_repeats(self, track: Track) -> None:
-        """A gyro that repeats itself may be stuck before the wheels show it: the headings may be wrong by what both
-        part. (18)
+        """Account for a gyro that repeats itself and may be stuck before the wheels show it: the headings may be wrong
+        by their difference. (18)
         """
         if track.gyro_ns <= self._repeats_ns:
             self._repeats.cover(track)

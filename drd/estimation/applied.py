@@ -1,4 +1,4 @@
-"""Constants that the monitor has found, taken into the filter between two samples, and given back. Nothing steps."""
+"""Constants that the monitor has found, adopted by the filter between two samples, and restored. Nothing steps."""
 
 import math
 from collections.abc import Callable
@@ -38,18 +38,18 @@ class Constant(Struct, frozen=True):
     left: float = BOTH
 
     def refusal(self) -> str | None:
-        """Why it cannot be taken."""
+        """The reason why it cannot be adopted; None: it can."""
         if self.name not in LARGEST:
-            return f"{self.name}: not a constant that can be taken"
+            return f"{self.name}: not a constant that can be adopted"
         if not abs(self.value) <= LARGEST[self.name]:
-            return f"{self.name}: {self.value:.3g} is more than {LARGEST[self.name]:g}"
+            return f"{self.name}: {self.value:.3g} exceeds {LARGEST[self.name]:g}"
         if not 0.0 < self.sigma <= LARGEST[self.name]:
-            return f"{self.name}: its deviation {self.sigma:.3g} is not in (0, {LARGEST[self.name]:g}]"
+            return f"{self.name}: its standard deviation {self.sigma:.3g} is not in (0, {LARGEST[self.name]:g}]"
         return None if 0.0 <= self.left <= 1.0 else f"{self.name}: left {self.left:.3g} is not in [0, 1]"
 
 
 def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Constant:
-    """A constant as the filter has it. `tread_m`: the configured one."""
+    """The filter's value of a constant. `tread_m`: the configured one."""
     h, n = _row(kf, name), kf.nominal
     value = {
         RADII: n.scale_right - n.scale_left,
@@ -61,7 +61,7 @@ def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Cons
 
 
 def take(kf: Filter, constant: Constant, tread_m: float) -> None:
-    """Put a constant into the filter, where it has changed since: pose and headings stay. (109)"""
+    """Put a constant into the filter if it has changed: pose and headings stay. (109)"""
     h = _row(kf, constant.name)
     off = of_filter(kf, constant.name, tread_m).value - constant.value
     g = _changed(kf, constant)
@@ -78,7 +78,7 @@ def take(kf: Filter, constant: Constant, tread_m: float) -> None:
 
 
 def put_back(kf: Filter, constant: Constant, tread_m: float) -> None:
-    """Undo a constant that was taken: the value of before, at least as unsure as it was then. (109)
+    """Restore the value that a constant had replaced, with at least its uncertainty of then. (109)
 
     Not as a measurement: one that is unsure would leave the filter where it is.
     """
@@ -91,7 +91,7 @@ def put_back(kf: Filter, constant: Constant, tread_m: float) -> None:
 
 
 def _move(kf: Filter, error: Matrix) -> None:
-    """Take an error (N,) of CONSTANTS off the nominal state."""
+    """Subtract an error (N,) of CONSTANTS from the nominal state."""
     n, step = kf.nominal, error.tolist()
     n.scale_right -= step[SCALE_R]
     n.scale_left -= step[SCALE_L]
@@ -102,7 +102,7 @@ def _move(kf: Filter, error: Matrix) -> None:
 
 
 def _row(kf: Filter, name: str) -> Matrix:
-    """How a constant goes with the error state."""
+    """Jacobian of a constant with respect to the error state."""
     h, n = np.zeros(N), kf.nominal
     if name == RADII:
         h[SCALE_R], h[SCALE_L] = 1.0, -1.0
@@ -116,7 +116,7 @@ def _row(kf: Filter, name: str) -> Matrix:
 
 
 def _changed(kf: Filter, constant: Constant) -> Matrix:
-    """How the error state goes with a change of the constant by 1: of one tyre or both, of the tread, of the lag."""
+    """Change of the error state per unit of the constant: of one tyre or both, of the tread, of the lag."""
     g = np.zeros(N)
     if constant.name == RADII:
         g[SCALE_R], g[SCALE_L] = 1.0 - constant.left, -constant.left
@@ -134,7 +134,7 @@ Pose = tuple[float, float, float]  # x and y in m, heading in rad
 
 @dataclass
 class Applied:
-    """Constants in force, and what the filter had in their place."""
+    """Adopted constants, and the filter's values that they replaced."""
 
     taken: dict[str, Constant] = field(default_factory=dict)
     before: dict[str, Constant] = field(default_factory=dict)
@@ -142,10 +142,10 @@ class Applied:
     def change(
         self, track: Track, pose: Callable[[], Pose], tread_m: float, name: str, constant: Constant | None
     ) -> str | None:
-        """Take a constant, or, None, put back what was there; returns why not. What `pose` tells stays as it is."""
+        """Adopt a constant, or, if None, restore the previous value; returns why not. The pose of `pose` stays."""
         wanted = self.before.get(name) if constant is None else constant
         if wanted is None or not track.t_ns:
-            return f"{name}: {'nothing to put back' if wanted is None else 'no samples yet'}"
+            return f"{name}: {'nothing to restore' if wanted is None else 'no samples yet'}"
         if constant is not None and (refusal := constant.refusal()) is not None:
             return refusal
         here, before = pose(), of_filter(track.kf, name, tread_m, wanted.left)

@@ -1,4 +1,4 @@
-"""What learned values were learned with: with another geometry, calibration or model they do not apply."""
+"""The basis of learned values: with another geometry, calibration or model they do not apply."""
 
 import hashlib
 from collections.abc import Mapping
@@ -85,7 +85,7 @@ def changes(then: Basis, now: Basis) -> Changes:
     gyro, lag = _different(then.gyro, now.gyro), _different(then.lag, now.lag)
     was, by = then.gyro.get("fog.protocol"), now.gyro["fog.protocol"]
     if by not in ("none", was):  # what a gyro has taught stays where it is taken away
-        lag.append(f"fog.protocol was {was}, is {by}")
+        lag.append(f"fog.protocol changed from {was} to {by}")
         if was == "none":  # scales and tread were taken for surer than where a gyro can tell them
             wheels.append(lag[-1])
     return Changes(wheels, gyro, lag)
@@ -93,13 +93,13 @@ def changes(then: Basis, now: Basis) -> Changes:
 
 def _different(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """By key. One that the file of an earlier version does not have counts as unchanged: an upgrade forgets nothing."""
-    return [f"{path} was {value}, is {now.get(path)}" for path, value in then.items() if value != now.get(path)]
+    return [f"{path} changed from {value} to {now.get(path)}" for path, value in then.items() if value != now.get(path)]
 
 
 def learned_anew(found: Changes) -> list[str]:
-    """Sentences about what does not apply any more."""
+    """Sentences about the values that no longer apply."""
     parts = ("wheel scales and tread are", "the gyro's bias and scale are", "the wheels' lag is")
-    return [f"{what} learned anew, since {', '.join(f)}" for what, f in zip(parts, found, strict=True) if f]
+    return [f"{what} learned again, since {', '.join(f)}" for what, f in zip(parts, found, strict=True) if f]
 
 
 def _calibration(c: Calibration | None) -> str:

@@ -50,14 +50,14 @@ class Calibration:
         return total
 
     def is_inside(self, sample: GyroSample) -> bool:
-        """True where rate and temperature lie in the range in which the calibration was measured."""
+        """Whether rate and temperature lie in the range in which the calibration was measured."""
         (low, high), (cold, warm) = self.rate_range_deg_s, self.temperature_range_c
         return low <= sample.rate_rad_s * DEG_PER_RAD <= high and cold <= sample.temperature_c <= warm
 
     def correct(self, sample: GyroSample) -> CalibratedRate:
-        """Equation (6). Outside the range the correction stays at the border's value and its sigma widens. (21)
+        """Equation (6). Outside the range the correction stays at its value at the border and its sigma increases. (21)
 
-        Sigma is of the rate's error beyond the error at rest, which a measured bias takes off. (23)
+        Sigma is of the rate's error beyond the error at rest, which a measured bias removes. (23)
         """
         rate, temperature = sample.rate_rad_s * DEG_PER_RAD, sample.temperature_c
         (low, high), (cold, warm) = self.rate_range_deg_s, self.temperature_range_c
@@ -139,7 +139,7 @@ def load_calibration(file: Path) -> Calibration:
         if low >= high:
             wrong.append((path, "a low and a higher number", f"{low:g} and {high:g}"))
     if not f.provenance:
-        wrong.append(("provenance", "keys that say where the coefficients come from", "none"))
+        wrong.append(("provenance", "keys that state the origin of the coefficients", "none"))
     if f.covariance is not None and (found := unfit(np.array(f.covariance))) is not None:
         wrong.append(("covariance", *found))
     for path, expected, got in wrong:

@@ -1,4 +1,4 @@
-"""Calibration and model taken off the samples, and what leaving their ranges means for the pose."""
+"""Calibration and model corrections of the samples, and the reasons of a pose outside their ranges."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ class Corrections:
         self._outside_ns = 0
 
     def take_over(self, other: "Corrections") -> None:
-        """Go on with another's compensation, which is this one's too, and where it stands."""
+        """Continue with another's compensation, which is the same, and its state."""
         self.late_ns, self.further_wait_ns, self._outside_ns = other.late_ns, other.further_wait_ns, other._outside_ns
 
     def gyro(self, sample: GyroSample, standing: bool) -> CalibratedRate:
@@ -63,7 +63,7 @@ class Corrections:
 
     @property
     def lateral_m_s(self) -> float:
-        """The body's own speed to its left, which no sensor tells."""
+        """The body's own speed to its left, which no sensor measures."""
         return self.compensation.lateral_m_s if self.compensation is not None else 0.0
 
     def _calibrated(self, sample: GyroSample) -> CalibratedRate:
@@ -83,6 +83,6 @@ class Corrections:
         if model.outside:
             self._counters["outside_model"] += 1
             self._outside_ns = t_ns
-            self._reasons.set("model", "outside the range in which the model's effects were seen", t_ns)
+            self._reasons.set("model", "outside the range in which the model's effects were observed", t_ns)
         elif t_ns - self._outside_ns > INSIDE_NS:
             self._reasons.clear("model")

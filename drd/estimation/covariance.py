@@ -1,4 +1,4 @@
-"""Covariances as files have them: their upper triangles, and whether a matrix is one."""
+"""Covariances in files: upper triangles, and a test of whether a matrix is a covariance."""
 
 from typing import Final
 
@@ -23,7 +23,7 @@ def unfit(P: npt.NDArray[np.float64]) -> tuple[str, str] | None:
     """What a covariance is and what finite `P` is instead; None where it is one: symmetric, positive semidefinite."""
     variances = np.diag(P)
     if variances.min() < 0.0:
-        return "variances from 0 on the diagonal", f"{variances.min():g}"
+        return "variances of at least 0 on the diagonal", f"{variances.min():g}"
     if P[variances == 0.0].any():
         return "no covariance where the variance is 0", "one"
     sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))

@@ -1,4 +1,4 @@
-"""Headings that drift apart too slowly for the gate: another ground, a wheel, or the gyro. (18)"""
+"""Headings that drift apart too slowly for the gate: a change of ground, a wheel, or the gyro. (18)"""
 
 import math
 from collections import deque
@@ -27,9 +27,9 @@ SKID_DOUBT_NS: Final = 5 * NS_PER_S
 
 
 class Drift:
-    """Watches the sums of innovations; `text` says what is wrong, None while nothing is.
+    """Watches the sums of innovations; `text` names the fault, None while there is none.
 
-    Gyros seldom change, grounds often do: the pose stays the gyro's, and what both part is in its covariance.
+    Gyros seldom change, grounds often do: the pose stays the gyro's, and the difference is in its covariance.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class Drift:
             self._parted_ns = t_ns
             track.kf.add_position_variance((0.5 * before.tread_m) ** 2 * growth_rad2)
         degrees = math.degrees(track.hindsight.apart_rad(before))
-        self.text = f"wheels and gyro drift apart, by {degrees:.1f} deg so far: another ground, a wheel, or the gyro"
+        self.text = f"wheels and gyro drift apart, by {degrees:.1f} deg so far: new ground, a wheel, or the gyro"
 
     def _is_over(self, kf: Filter, before: Memory, t_ns: int, drive: Drive) -> bool:
         if drive is Drive.SKID:

@@ -1,4 +1,4 @@
-"""What one estimator hands to the next: over a restart by way of a file, over a reload directly."""
+"""The estimate that one estimator passes to the next: at a restart by a file, at a reload directly."""
 
 import math
 from collections.abc import Mapping
@@ -98,7 +98,7 @@ def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The filter's quantities with their covariance, (N, N) in its order; what was known of motion and learned of noise
+    """The filter's quantities with their covariance, (N, N) in its order; the state of motion, and the learned noise
     and drive.
 
     `at_rest`: the encoders confirmed a standstill. `lost`: only a pose from outside makes the pose good again.
@@ -113,13 +113,13 @@ class Estimate:
     learned: Learned = field(default_factory=Learned)
 
     def plain(self) -> dict[str, Any]:
-        """As JSON has it, exact to the bit."""
+        """Values for JSON, exact to the bit."""
         found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=lambda P: P.tolist())
         return found
 
 
 def estimate_of(plain: Any) -> Estimate:
-    """The inverse of `plain()`, checked. Raises ValueError with what is wrong."""
+    """The inverse of `plain()`, checked. Raises ValueError with the defect."""
     found = msgspec.convert(plain, Estimate, dec_hook=_matrix)
     for name, (low, high) in LIMITS.items():
         if not low <= (value := getattr(found.nominal, name)) <= high:  # NaN neither
@@ -145,7 +145,7 @@ def check_covariance(P: Matrix) -> None:
 
 
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
-    """Wheel scales, tread and sideways slip start anew, the rest stays."""
+    """Reset wheel scales, tread and sideways slip; the rest stays."""
     n = kf.nominal
     n.scale_right = n.scale_left = n.slip_s = 0.0
     kf.set_tread(tread_m)
@@ -156,7 +156,7 @@ def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
 
 
 def forget_gyro(kf: Filter, s: Sigmas) -> None:
-    """The gyro's scale and bias start anew, the rest stays."""
+    """Reset the gyro's scale and bias; the rest stays."""
     kf.nominal.gyro_scale, kf.nominal.gyro_bias_rad_s = 1.0, 0.0
     for state, sigma in ((GYRO_SCALE, s.gyro_scale), (GYRO_BIAS, s.gyro_bias_rad_s)):
         kf.forget(state, sigma)
@@ -179,7 +179,7 @@ def _forget(P: Matrix, sigmas: Mapping[int, float]) -> None:
 
 
 def forget_pose(P: Matrix) -> None:
-    """The robot may be anywhere and look anywhere."""
+    """Make the pose unknown: any position, any heading."""
     _forget(P, {X: math.sqrt(POSITION_UNKNOWN_M2), Y: math.sqrt(POSITION_UNKNOWN_M2)})
     _forget(P, dict.fromkeys((HEADING, GYRO_HEADING), math.sqrt(HEADING_UNKNOWN_RAD2)))
     P[HEADING, GYRO_HEADING] = P[GYRO_HEADING, HEADING] = P[HEADING, HEADING]

@@ -86,7 +86,7 @@ class Estimator:
 
     @property
     def at_rest(self) -> bool:
-        """The encoders confirm a standstill."""
+        """Whether the encoders confirm a standstill."""
         return self.standstill.still and not self._silence.wheels(self._progress.pose_ns)
 
     # ---- samples -----------------------------------------------------------------------------------------------
@@ -137,7 +137,7 @@ class Estimator:
         return self._pose(sample.t_ns) if wanted else None
 
     def tick(self, now_ns: int) -> Pose | None:
-        """Time passes: notice silence, and give a pose when no sensor brings one.
+        """Let time pass: notice silence, and give a pose when no sensor brings one.
 
         To be called often, and recorded for a replay: only here a wait for the wheels is given up. A call that comes
         late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
@@ -160,7 +160,7 @@ class Estimator:
         return self._tick_ns > 0 and now_ns - self._tick_ns > STALL_NS
 
     def stalled(self) -> None:
-        """The host stood still: until ticks come in time again, nothing that waits in its buffers is given up."""
+        """Note a stall of the host: until ticks come in time again, nothing that waits in its buffers is given up."""
         self._progress.is_stalled = True
 
     def _watch_repeats(self, sample: GyroSample) -> None:
@@ -176,7 +176,7 @@ class Estimator:
             agreement.gyro_is_stuck(track)
 
     def _watch(self, now_ns: int) -> None:
-        """Turn silence and a bias that is not known into reasons."""
+        """Turn silence and an unknown bias into reasons."""
         self._silence.watch(now_ns)
         if not self.bias.is_settled:
             self.bias.watch(self.reasons, self._track.kf.sigma(GYRO_BIAS), now_ns)
@@ -236,7 +236,7 @@ class Estimator:
     # ---- from one estimator to the next ------------------------------------------------------------------------
 
     def estimate(self, in_place: bool = False) -> Estimate | None:
-        """All that is known at the last pose, to go on from; None before the wheels were heard. `in_place`: this very
+        """The estimate at the last pose, to continue from; None before the wheels were heard. `in_place`: this very
         estimator goes on from it, with the samples that wait, and so from where it has not used them yet.
         """
         if not self._silence.wheels_ns:
@@ -261,7 +261,7 @@ class Estimator:
         )
 
     def resume(self, estimate: Estimate, bias_known: bool) -> None:
-        """Go on with what was known before a restart or a suspension, between two samples."""
+        """Continue with the estimate from before a restart or a suspension, between two samples."""
         self._track.kf.put(estimate.nominal, estimate.P)
         self.knowledge.recall(estimate.learned)
         self._silence.was_lost = estimate.lost
@@ -270,7 +270,7 @@ class Estimator:
     def take_over(
         self, other: "Estimator", same_wheels: bool, same_gyro: bool, same_lag: bool, same_model: bool
     ) -> None:
-        """Go on in another's place and with its reasons, between two samples; nothing that is on its way is lost.
+        """Continue in another's place and with its reasons, between two samples; no pending sample is lost.
 
         What is the same, other than the configuration around it: `same_wheels`, what wheel scales and tread were
         learned with; `same_gyro`, the same of bias and scale; `same_lag`, of the wheels' lag; `same_model`, the
@@ -307,7 +307,7 @@ class Estimator:
     # ---- commands ----------------------------------------------------------------------------------------------
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
-        """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays.
+        """Set the pose of now, with its standard deviations; what was learned of the sensors stays.
 
         They count up to those of a pose of which nothing is known.
         """
@@ -321,7 +321,7 @@ class Estimator:
             self.reasons.clear(source)
 
     def reset(self) -> None:
-        """Back to the origin and the initial uncertainty; the measured bias stays."""
+        """Return to the origin and the initial uncertainty; the measured bias stays."""
         kf, s = self._track.kf, self.sigmas
         bias, sigma, moved = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS), self._progress.moved()
         self.knowledge.begin_anew()
@@ -329,7 +329,7 @@ class Estimator:
         self._set_pose((0.0, 0.0, 0.0), moved, s.position_m, s.heading_rad)
 
     def apply(self, name: str, constant: Constant | None) -> str | None:
-        """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""
+        """Adopt a constant that the monitor has found, or, if None, restore the previous value; returns why not."""
         return self.knowledge.applied.change(self._track, self.newest, self._config.robot.tread_m, name, constant)
 
     def newest(self) -> Place:

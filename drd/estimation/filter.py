@@ -44,7 +44,7 @@ UPDATES_PER_SYMMETRISATION: Final = 50
 
 
 class Outcome(Enum):
-    """What became of a measurement."""
+    """Outcome of a measurement."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected"
@@ -121,8 +121,8 @@ class Filter(State):
     ) -> None:
         """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
 
-        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own travel to its
-        left, which no sensor tells.
+        `rate_sigma_rad_s` is added to the gyro's noise by the calibration; `lateral_m` is the body's own travel to its
+        left, which no sensor measures.
         """
         n, k, F, Q = self.nominal, self.noise, self._transition, self.process_noise
         D = n.tread_m
@@ -236,7 +236,7 @@ class Filter(State):
         return Outcome.ACCEPTED
 
     def _correct(self, column: Sequence[float], k: float) -> None:
-        """Each computed quantity loses its error, that of `column` times k. (20)"""
+        """Correct each computed quantity by its error, that of `column` times k. (20)"""
         n = self.nominal
         x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = column
         n.x_m -= x * k
@@ -256,7 +256,7 @@ class Filter(State):
         self.corrected_rad -= (gyro_heading + self.rate_rad_s * lag) * k
 
     def return_variance(self, position_m2: float, heading_rad2: float) -> None:
-        """Give P what it has lost by comparisons that may have been wrong, as `Memory.corrected` tells. (18)"""
+        """Return to P what it has lost by comparisons that may have been wrong, see `Memory.corrected`. (18)"""
         self.add_position_variance(position_m2)
         self.add_heading_variance(heading_rad2, both=True)
         self.returned_m2, self.returned_rad2 = self.returned_m2 + position_m2, self.returned_rad2 + heading_rad2
@@ -268,15 +268,15 @@ class Filter(State):
 
     @property
     def wheels_rad_s(self) -> float:
-        """The yaw rate of the last step as the wheels tell it."""
+        """The yaw rate of the last step by the wheels."""
         return (self._right_m_s - self._left_m_s) / self.nominal.tread_m
 
     @property
     def is_turned(self) -> bool:
-        """The wheels did not move in the last step, but the gyro turned, by more than its noise and bias. (30)"""
+        """Whether in the last step the wheels stood but the gyro turned, by more than its noise and bias. (30)"""
         return self._transition.is_turned
 
     @property
     def stands(self) -> bool:
-        """The wheels did not move in the last step."""
+        """Whether the wheels stood in the last step."""
         return self._left_m_s == 0.0 == self._right_m_s

@@ -4,7 +4,7 @@ from drd.samples import Reason, Validity
 
 
 class Reasons:
-    """What is wrong at present, by source. A source is an input or a cause: "fog", "encoders.left", "bias", ..."""
+    """Current problems by source. A source is an input or a cause: "fog", "encoders.left", "bias", ..."""
 
     def __init__(self) -> None:
         self._active: dict[str, tuple[Reason, Validity]] = {}
@@ -12,7 +12,7 @@ class Reasons:
         self._worst = Validity.VALID
 
     def set(self, source: str, text: str, now_ns: int, severity: Validity = Validity.DEGRADED) -> None:
-        """Something is wrong with `source`. While it lasts, the text may change but `since` does not."""
+        """Set a problem of `source`. While it lasts, the text may change but `since` does not."""
         known = self._active.get(source)
         if known is not None and known[0].text == text and known[1] is severity:
             return
@@ -21,7 +21,7 @@ class Reasons:
         self._summarise()
 
     def clear(self, source: str) -> None:
-        """Nothing is wrong with `source` any more."""
+        """Clear the problem of `source`."""
         if self._active.pop(source, None) is not None:
             self._summarise()
 
@@ -47,9 +47,9 @@ class Reasons:
         return self._worst
 
     def active(self) -> tuple[Reason, ...]:
-        """All that is wrong now, in the order in which it began."""
+        """All current problems, in the order in which they began."""
         return self._tuple
 
     def has(self, source: str) -> bool:
-        """True while something is wrong with `source`."""
+        """Whether `source` has a problem."""
         return source in self._active

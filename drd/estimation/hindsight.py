@@ -1,4 +1,4 @@
-"""Constants as known before, to go back to where slip, or a gyro that is stuck, has taught others since. (18)"""
+"""Earlier values of the constants, to restore where slip, or a stuck gyro, has since taught wrong ones. (18)"""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -68,7 +68,7 @@ class Hindsight:
         self._left_m = self._right_m = self._turn_rad = 0.0
 
     def moved(self, left_m: float, right_m: float, turn_rad: float) -> None:
-        """Both sensors have seen a step."""
+        """Add a step that both sensors have seen."""
         self._left_m, self._right_m = self._left_m + left_m, self._right_m + right_m
         self._turn_rad += turn_rad
 
@@ -80,11 +80,11 @@ class Hindsight:
             self._then, self._since, self._since_ns = self._since, self.now(kf), t_ns
 
     def begin(self, kf: Filter, t_ns: int) -> None:
-        """Forget what was before, which is accounted for."""
+        """Forget the past, which is accounted for."""
         self._then, self._since, self._since_ns, self._given = None, self.now(kf), t_ns, kf.given
 
     def now(self, kf: Filter) -> Memory:
-        """The constants as known now, before something may teach wrong ones."""
+        """The constants as known now, before anything may teach wrong ones."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
         corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad, kf.returned_m2, kf.returned_rad2
@@ -120,21 +120,21 @@ class Hindsight:
 
     @property
     def slipped_m(self) -> float:
-        """By how much the middle's travel is wrong if one wheel has gone meanwhile what the turn does not explain."""
+        """Error of the middle's travel if one wheel has since travelled what the turn does not explain, m."""
         return 0.5 * self.apart_m(then) if (then := self.before) is not None else 0.0
 
     def apart_m(self, then: Memory) -> float:
-        """Way of the right wheel since then, less the left one's and the turn's, m."""
+        """Travel of the right wheel since then, less the left one's and the turn's, m."""
         left_m = (1.0 - then.scale_left) * (self._left_m - then.left_m)
         right_m = (1.0 - then.scale_right) * (self._right_m - then.right_m)
         return right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad)
 
     def apart_rad(self, then: Memory) -> float:
-        """By how much wheels and gyro have turned apart since then."""
+        """Angle by which wheels and gyro have turned apart since then, rad."""
         return self.apart_m(then) / then.tread_m
 
     def take_back(self, kf: Filter, then: Memory | None, t_ns: int) -> None:
-        """The constants are as known as they were then: what was taught since is wrong."""
+        """Restore the constants and their uncertainty of then: what was taught since is wrong."""
         if then is None:
             return
         n, lag_s, rate = kf.nominal, kf.nominal.wheel_lag_s, kf.rate_rad_s

@@ -91,7 +91,7 @@ class Knowledge:
             kf.anchor_gyro()
 
     def begin_anew(self) -> None:
-        """The filter starts again, and only the gyro's noise is known."""
+        """Note that the filter has started again: only the gyro's noise is known."""
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
         self._track.alone_rad = 0.0
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)
@@ -101,27 +101,27 @@ class Knowledge:
         self._begin_wheels()
 
     def pose_was_set(self) -> None:
-        """Forget errors of the pose from before: they are not in it any more."""
+        """Forget earlier errors of the pose: they are no longer in it."""
         self._track.alone_rad = 0.0
         self.steering.pose_was_set()
         self.agreement.pose_was_set(self._track)
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)
 
     def recover(self, t_ns: int) -> None:
-        """The covariance or the state is not finite: start again where the robot is not known to be."""
+        """Start again with an unknown pose: the covariance or the state is not finite."""
         self._counters["resets"] += 1
         self.begin_anew()
         self._reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)
 
     @property
     def learned(self) -> Learned:
-        """Noise and drive, as far as they were learned."""
+        """Learned noise and drive."""
         k, rest = self._track.kf.noise, self.rest_noise
         wheels = (k.wheel_m2_per_m, k.turn_rad2_per_rad, k.jitter_s2) if self.wheel_noise.is_known else (0.0, 0.0, 0.0)
         return Learned(self.steering.drive.value, rest.differences, rest.mean_rad2_per_s, *wheels)
 
     def recall(self, learned: Learned) -> None:
-        """Go on with what was learned before a restart."""
+        """Continue with what was learned before a restart."""
         self._recall_wheels(learned)
         self._recall_gyro(learned)
 
@@ -136,7 +136,7 @@ class Knowledge:
         self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
 
     def take_over(self, other: "Knowledge", same_wheels: bool, same_gyro: bool, same_lag: bool) -> None:
-        """Go on with what another knows, and the track has taken over, as far as it is about the same sensors."""
+        """Continue with another's knowledge, which the track has taken over, as far as it concerns the same sensors."""
         kf, same_noise = self._track.kf, self._stated == other._stated
         if same_wheels and same_gyro:
             self.applied = other.applied

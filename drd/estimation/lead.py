@@ -10,13 +10,13 @@ Place = tuple[float, float, float]  # x and y in m, heading in rad
 
 
 def seen_from(origin: Place, place: Place) -> Place:
-    """A place as it looks from another one."""
+    """A place in the frame of another one."""
     offset = complex(place[0] - origin[0], place[1] - origin[1]) * cmath.rect(1.0, -origin[2])
     return offset.real, offset.imag, place[2] - origin[2]
 
 
 def onward(origin: Place, offset: Place) -> Place:
-    """Where `offset`, as seen from `origin`, leads: the inverse of `seen_from`."""
+    """The place at `offset` from `origin`: the inverse of `seen_from`."""
     step = complex(offset[0], offset[1]) * cmath.rect(1.0, origin[2])
     return origin[0] + step.real, origin[1] + step.imag, origin[2] + offset[2]
 

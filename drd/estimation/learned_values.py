@@ -1,4 +1,4 @@
-"""The learned values as the health tells them: value, standard deviation, and whether the drive could teach them."""
+"""Learned values for the health: value, standard deviation, and whether the drive made them observable."""
 
 import math
 from typing import Any, Final
@@ -59,9 +59,9 @@ def _noise(estimator: Estimator) -> dict[str, dict[str, Any]]:
 
 
 def steering_text(drive: Drive) -> str:
-    """How the robot steers, for people."""
+    """The kind of steering, in words."""
     return {
-        Drive.UNKNOWN: "not known yet: no turns so far",
+        Drive.UNKNOWN: "unknown: no turns so far",
         Drive.DIFFERENTIAL: "differential",
-        Drive.SKID: "skid: the wheels slip sideways in each turn, their turning is trusted less",
+        Drive.SKID: "skid: the wheels slip sideways in each turn, so their yaw rate is trusted less",
     }[drive]

@@ -1,4 +1,4 @@
-"""Noise that is learned on the way: the gyro's at rest, that of the wheels' turning from the comparisons."""
+"""Noise that is learned while driving: the gyro's at rest, that of the wheels' turning from the comparisons."""
 
 import math
 from collections import deque
@@ -37,7 +37,7 @@ Amount = Annotated[float, Meta(ge=0, le=1e10)]
 
 
 class Drive(Enum):
-    """How the robot steers."""
+    """Kind of steering."""
 
     UNKNOWN = "unknown"
     DIFFERENTIAL = "differential"
@@ -74,7 +74,7 @@ class RestNoise:
 
     @property
     def known(self) -> bool:
-        """Whether a standstill was long enough to tell."""
+        """Whether the standstill was long enough."""
         return self.differences >= KNOWN_AFTER or not self.is_learned
 
     def recall(self, learned: Learned) -> None:
@@ -94,13 +94,13 @@ class RestNoise:
         return math.sqrt(0.5 / (FREEDOM * self.differences)) if self.differences else math.inf
 
     def interrupt(self) -> None:
-        """The robot moves, or the gyro is away: blocks begin anew, and the last one is not used."""
+        """Begin new blocks, without the last one: the robot moves, or the gyro is absent."""
         self._still_s = self._block_s = self._block_rad = 0.0
         self._last: float | None = None
         self._waiting: float | None = None
 
     def add(self, rate_rad_s: float, interval_s: float) -> None:
-        """Take a reading at rest; readings are consecutive."""
+        """Add a reading at rest; readings are consecutive."""
         self._still_s += interval_s
         if self._still_s <= GUARD_S:
             return
@@ -147,7 +147,7 @@ class VarianceFactor:
         return self._weight > 2.0 * FIRST_COUNTS
 
     def take(self, share: float, z: float, S: float) -> None:
-        """Take an innovation with its variance, of which `share` is this cause's with the present factor."""
+        """Add an innovation with its variance, of which `share` is this cause's with the present factor."""
         weight = (share / S) ** 2
         self._sum += weight * (min(z * z, OUTLIER * S) - S + share) * self.factor / share
         self._weight += weight
@@ -157,7 +157,7 @@ class VarianceFactor:
         self._limit()
 
     def state_anew(self, stated: float) -> None:
-        """The stated variance is another now; the learned one stays, as far as it is not below."""
+        """Change the stated variance; the learned one stays if it is not below."""
         if stated:
             self._sum *= self._stated / stated
             self._stated = stated
@@ -176,7 +176,7 @@ class VarianceFactor:
 
 
 class WheelNoise:
-    """Noise of the wheels' travel, of their turning and of their time, as the comparisons show it, for the filter."""
+    """Noise of the wheels' travel, turning and time, learned from the comparisons, for the filter."""
 
     def __init__(self, noise: NoiseProfile, is_learned: bool = True, is_known: bool = False):
         """`is_known`: how the robot steers, so that what is stated is believed from the first."""
@@ -189,16 +189,16 @@ class WheelNoise:
         )
 
     def anew(self) -> "WheelNoise":
-        """The same before anything was learned."""
+        """A new instance, before anything was learned."""
         return WheelNoise(*self._made_of)
 
     @property
     def is_known(self) -> bool:
-        """Whether the comparisons say more than what is assumed at first."""
+        """Whether the comparisons outweigh what is assumed at first."""
         return self.is_learned and self.turn.is_known
 
     def put_into(self, noise: NoiseProfile) -> None:
-        """Set what is learned."""
+        """Set the learned variances."""
         if not self.is_learned:
             return
         k = self.stated
@@ -233,7 +233,7 @@ class WheelNoise:
         self.put_into(kf.noise)
 
     def skids(self, tread_m: float) -> None:
-        """The wheels slip sideways in each turn: what is stated is at least that."""
+        """Raise the stated noise to that of wheels that slip sideways in each turn."""
         self.stated = skid_steer(self.stated, tread_m)
         self.travel.state_anew(self.stated.wheel_m2_per_m)
         self.turn.state_anew(self.stated.turn_rad2_per_rad)

@@ -1,4 +1,4 @@
-"""The pose that a track stands for, with its uncertainty; a spread that is too large becomes a reason."""
+"""The pose of a track, with its uncertainty; an excessive uncertainty becomes a reason."""
 
 import math
 
@@ -65,11 +65,11 @@ class PoseMaker:
         )
 
     def _watch(self, variance_rad2: float, exceeded: bool, t_ns: int) -> None:
-        """A heading known so badly leaves the linear covariance without a meaning."""
+        """Set the reason of a heading so uncertain that the linear covariance loses its meaning."""
         reasons, sigma_rad = self._reasons, math.sqrt(max(variance_rad2, 0.0))
         if sigma_rad > HEADING_DOUBTFUL_RAD:
             severity = Validity.INVALID if sigma_rad > HEADING_LOST_RAD else Validity.DEGRADED
-            reasons.set("heading", "the heading is hardly known", t_ns, severity)
+            reasons.set("heading", "the heading is too uncertain", t_ns, severity)
         else:
             reasons.clear("heading")
         reasons.update("bound", "the position bound exceeds its limit" if exceeded else None, t_ns, Validity.INVALID)

@@ -1,4 +1,4 @@
-"""Samples into the track: how far it may go on, where it leads to, and a pose from outside on the way."""
+"""Samples into the track: how far it may advance, where it leads, and poses set from outside."""
 
 import math
 
@@ -55,7 +55,7 @@ class Progress:
         self.told: Place | None = None
 
     def take_over(self, other: "Progress", same_wheels: bool, same_gyro: bool) -> None:
-        """Go on in another's place: nothing that is on its way is lost."""
+        """Continue in another's place: no pending sample is lost."""
         self.track.copy_from(other.track)
         self.track.hindsight = other.track.hindsight
         self.wheels, self.gyro = other.wheels, other.gyro
@@ -84,7 +84,7 @@ class Progress:
             track.kf.add_gyro_bias_variance(track.kf.noise.gyro_bias_restart_rad2_s2)
 
     def add_travel(self, sample: WheelSample) -> bool:
-        """Take a wheel sample. False: too late, nothing of it is left but its travel."""
+        """Take a wheel sample. False: too late, only its travel counts."""
         track, own_m_s = self.track, self._corrections.lateral_m_s
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
         start_ns = max(sample.t_ns - round(sample.interval_s * NS_PER_S), self.wheels.end_ns)

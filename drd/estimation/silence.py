@@ -1,4 +1,4 @@
-"""When each sensor was last heard, and what its silence means for the pose."""
+"""Times at which each sensor was last heard, and the reasons that its silence gives the pose."""
 
 from drd.config.keys import Config
 from drd.estimation.health import Reasons
@@ -24,20 +24,20 @@ class Silence:
         self._calm_until_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Something was heard or time passed: waiting counts from the first such moment."""
+        """Note that something was heard or time passed: waiting counts from the first such moment."""
         self._first_ns = self._first_ns or now_ns
 
     def take_over(self, other: "Silence", now_ns: int) -> None:
-        """Go on in another's place, of which the last tick was `now_ns`."""
+        """Continue in another's place, whose last tick was `now_ns`."""
         self.begin(1 if other.gyro(now_ns) else now_ns)
         self.wheels_ns, self.gyro_ns, self.was_lost = other.wheels_ns, other.gyro_ns, other.was_lost
 
     def wheels(self, now_ns: int) -> bool:
-        """True while the wheels are silent."""
+        """Whether the wheels are silent."""
         return now_ns - (self.wheels_ns or self._first_ns) >= self._wheels_limit_ns
 
     def gyro(self, now_ns: int) -> bool:
-        """True while the gyro is silent."""
+        """Whether the gyro is silent."""
         return now_ns - (self.gyro_ns or self._first_ns) >= self._gyro_limit_ns
 
     def watch(self, now_ns: int) -> None:
@@ -59,7 +59,7 @@ class Silence:
         else:
             reasons.clear("encoders")
             if self.was_lost:
-                reasons.set("position", "motion was not seen for long: only set_pose or reset end this", now_ns)
+                reasons.set("position", "motion was unseen for too long: only set_pose or reset clears this", now_ns)
             self._calm_until_ns = self.wheels_ns + self._wheels_limit_ns
             if self._has_gyro:
                 last_ns = self.gyro_ns or self._first_ns

@@ -25,7 +25,7 @@ class Stall:
         self._fastest_rad_s = 0.0
 
     def turns(self, rate_rad_s: float) -> None:
-        """The robot turns so fast, by either sensor."""
+        """Note the robot's yaw rate, by either sensor."""
         if self._parted.then is not None:
             self._fastest_rad_s = max(self._fastest_rad_s, abs(rate_rad_s))
 
@@ -47,5 +47,5 @@ class Stall:
                 self._parted.begin(None)
 
     def pose_was_set(self, track: Track) -> None:
-        """Forget by how much the headings have parted: it is not in the pose."""
+        """Forget the difference of the headings: it is not in the pose."""
         self._parted.pose_was_set(track)

@@ -23,7 +23,7 @@ TURN_SIGMAS = 5.0  # of a reading's noise beyond that
 
 
 class BiasState(Enum):
-    """Where the measurement of the static bias stands."""
+    """Progress of the measurement of the static bias."""
 
     WAITING = "waiting for gyro and encoders"
     MEASURING = "measuring the gyro's bias"
@@ -41,7 +41,7 @@ class Standstill:
         self.still = False
 
     def feed(self, sample: WheelSample) -> bool:
-        """Take one wheel sample; True while the robot stands."""
+        """Take one wheel sample; returns whether the robot stands."""
         step = 1.01 * self._resolution_m
         self._sum_left_m += sample.left_m
         self._sum_right_m += sample.right_m
@@ -73,7 +73,7 @@ class BiasMeasurement:
 
     @property
     def state(self) -> BiasState:
-        """Where the measurement stands."""
+        """Progress of the measurement."""
         return self._state
 
     @state.setter
@@ -93,7 +93,7 @@ class BiasMeasurement:
         self._still_since_ns: int | None = None
 
     def gyro(self, rate: CalibratedRate) -> None:
-        """Keep a reading until the encoders have said what the robot did in that time."""
+        """Keep a reading until the encoders have reported the motion of that time."""
         self._pending.append(rate)
         if self._known_rad_s is not None:
             noise_rad_s = math.sqrt(self.rest_noise.variance_rad2_per_s / rate.interval_s)
@@ -154,7 +154,7 @@ class BiasMeasurement:
             reasons.clear("bias")
 
     def take_over(self, other: "BiasMeasurement", rest_noise: RestNoise) -> None:
-        """Go on with another's result; one that is under way begins anew."""
+        """Continue with another's result; a measurement in progress begins anew."""
         self.rest_noise, self.is_known = rest_noise, other.is_known
         if not other.active:
             self.state, self.averaged_s = other.state, other.averaged_s

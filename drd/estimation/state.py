@@ -142,7 +142,7 @@ class State:
         np.copyto(self.P, T @ self.P @ T.T)
 
     def add_position_variance(self, variance_m2: float) -> None:
-        """Widen the position by motion that was not seen, up to where it means "anywhere". (36)"""
+        """Widen the position by unseen motion, up to a variance that means "anywhere". (36)"""
         for i in (XX, YY):
             self._p[i] += min(variance_m2, max(0.0, POSITION_UNKNOWN_M2 - self._p[i]))
 
@@ -153,7 +153,7 @@ class State:
             self._p[i] += added
 
     def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
-        """The gyro was away and may have come back with another bias."""
+        """Widen the bias: the gyro was absent and may have come back with another one."""
         self._p[BB] += variance_rad2_s2
 
     def add_scale_variance(self, common: float, difference: float) -> None:
@@ -170,7 +170,7 @@ class State:
         self.P += difference**2 * np.outer(g, g)
 
     def add_tread_variance(self, variance_m2: float) -> None:
-        """The effective tread may be another from now on."""
+        """Widen the tread: the effective one may differ from now on."""
         self.given += 1
         self._p[DD] += variance_m2
 
@@ -191,7 +191,7 @@ class State:
         self.P += variance_s2 * np.outer(g, g)
 
     def add_slip_variance(self, variance_s2: float) -> None:
-        """The robot may slip sideways from now on. (33)"""
+        """Allow sideways slip from now on. (33)"""
         self.P[SLIP, SLIP] += variance_s2
 
     def forget_slip(self) -> None:
@@ -242,7 +242,7 @@ class State:
         np.copyto(self.P, P)
 
     def forget(self, state: int, sigma: float) -> None:
-        """Nothing is known of a state any more but this standard deviation."""
+        """Forget a state except for this standard deviation."""
         self.given += 1
         self.P[state, :] = self.P[:, state] = 0.0
         self.P[state, state] = sigma**2
@@ -258,7 +258,7 @@ class State:
         return math.sqrt(max(self._p[state * (N + 1)], 0.0))
 
     def is_finite(self) -> bool:
-        """True while pose and covariance are numbers."""
+        """Whether pose and covariance are finite."""
         n = self.nominal
         return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
 

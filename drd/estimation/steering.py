@@ -1,4 +1,4 @@
-"""How the robot steers: whether its wheels slip sideways in each turn, as the effective tread tells."""
+"""Kind of steering: whether the wheels slip sideways in each turn, as the effective tread shows."""
 
 import math
 from dataclasses import replace

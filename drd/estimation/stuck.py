@@ -1,4 +1,4 @@
-"""Whether a gyro repeats itself while the wheels do not: it is stuck then, and as good as silent. (18)"""
+"""Detection of a stuck gyro, which repeats itself while the wheels move: it counts as silent. (18)"""
 
 import math
 from typing import Final

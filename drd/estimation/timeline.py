@@ -1,4 +1,4 @@
-"""Two streams of samples brought into one order of time, so that the filter's steps never depend on arrival order."""
+"""Two streams of samples merged in time order, so that the filter's steps never depend on arrival order."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -68,7 +68,7 @@ class Stream:
         return (total + rate * (end_ns - t_ns)) / NS_PER_S
 
     def drop_until(self, t_ns: int) -> None:
-        """Forget what the filter has used."""
+        """Forget the segments that the filter has used."""
         while self.segments and self.segments[0].end_ns <= t_ns:
             self.segments.popleft()
 

@@ -1,4 +1,4 @@
-"""A filter on its way through time: one step for each piece of time, whichever of the sensors saw it."""
+"""A filter stepped through time: one step for each piece of time, whichever sensor saw it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ MOST_SPANS: Final = 256
 
 @dataclass(slots=True)
 class Track:
-    """The filter, the time it has reached, and what it has not seen.
+    """The filter, the time that it has reached, and its unseen motion.
 
     `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's. `gyro_heading`: the
     heading is the gyro's, wherever there is one.
@@ -103,7 +103,7 @@ class Track:
         return False
 
     def heading_rad(self, t_ns: int) -> float:
-        """The wheels' heading at another time, near enough."""
+        """The wheels' heading at another time, approximately."""
         turned_rad = self.rate_rad_s * (t_ns - self.t_ns) * S_PER_NS
         return self.kf.nominal.heading_rad + turned_rad if self.t_ns else 0.0
 
@@ -215,7 +215,7 @@ class Track:
 def make_track(
     config: Config, sigmas: Sigmas, noise: NoiseProfile, filter_type: Callable[..., Filter] = Filter
 ) -> Track:
-    """A track that has not begun, with a filter of its own, as the configuration asks for it."""
+    """A track that has not begun, with its own filter, as configured."""
     e = config.estimation
     return Track(
         filter_type(config.robot.tread_m, sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),

@@ -33,7 +33,7 @@ class OneSided:
         self.forget()
 
     def forget(self) -> None:
-        """The cause is over."""
+        """Note that the cause is over."""
         self.sum = self._covered = 0.0
 
     def growth(self, part: float) -> float:
@@ -41,7 +41,7 @@ class OneSided:
         return self.growth_to(self.sum + part)
 
     def growth_to(self, total: float) -> float:
-        """The same where the sum is known."""
+        """Variance to add where the sum is known."""
         self.sum = total
         before, self._covered = self._covered, max(self._covered, abs(self.sum))
         return self._covered**2 - before**2

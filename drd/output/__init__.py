@@ -1,1 +1,1 @@
-"""What the daemon tells over Zenoh, and is asked."""
+"""The daemon's outputs and queries over Zenoh."""

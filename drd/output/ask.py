@@ -1,4 +1,4 @@
-"""A query to a running daemon, as every client of it asks one."""
+"""A query to a running daemon, for all of its clients."""
 
 import json
 from typing import Any, Final
@@ -16,7 +16,7 @@ TIMEOUT: Final = b"Timeout"
 
 
 def ask(session: Any, key: str, payload: bytes | None = None) -> dict[str, Any]:
-    """The answer to a query. Waits up to ANSWER_S; raises Refused with the reason of the daemon, or of Zenoh."""
+    """The answer to a query. Waits up to ANSWER_S; raises Refused with the daemon's reason, or Zenoh's."""
     try:
         reply = next(iter(session.get(key, payload=payload, timeout=ANSWER_S)), None)
         if reply is not None and reply.ok is not None:
@@ -24,7 +24,7 @@ def ask(session: Any, key: str, payload: bytes | None = None) -> dict[str, Any]:
     except zenoh.ZError as error:
         raise Refused(tidy(error)) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise Refused("an answer that is not a JSON object") from error
+        raise Refused("the answer is not a JSON object") from error
     reason = TIMEOUT if reply is None else reply.err.payload.to_bytes()
     raise Refused(f"no drd answers to {key}" if reason == TIMEOUT else _text(reason))
 

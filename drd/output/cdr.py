@@ -114,7 +114,7 @@ class _Template:
         self.values = values
 
     def encode(self, wall_ns: int) -> bytes:
-        """The message as it stands."""
+        """The encoded message."""
         self._buffer[self._stamp_at : self._stamp_at + _STAMP.size] = _stamp(wall_ns)
         self._doubles.pack_into(self._buffer, self._doubles_at, *self.values)
         return bytes(self._buffer)

@@ -1,4 +1,4 @@
-"""The log of what was commanded from outside: what, by whom as far as that can be known, and with which outcome."""
+"""The log of commands from outside: command, sender as far as it can be known, and outcome."""
 
 import logging
 import threading

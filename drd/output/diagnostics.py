@@ -1,4 +1,4 @@
-"""The daemon's health in the terms of ROS 2's diagnostics."""
+"""The daemon's health as ROS 2 diagnostics."""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
 
 
 def _scalars(values: Mapping[str, Any]) -> dict[str, str]:
-    """Numbers and words, without what is inside others and what is not known."""
+    """Numbers and words, without nested and unknown values."""
     return {
         name: f"{value:.6g}" if isinstance(value, float) else str(value)
         for name, value in values.items()

@@ -1,4 +1,4 @@
-"""What the Zenoh configuration lets others do, said before somebody finds it out."""
+"""Warnings about access that the Zenoh configuration gives to others."""
 
 import ipaddress
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ _ENCRYPTED = ("tls", "quic")
 
 
 def exposure(output: Output) -> list[str]:
-    """Sentences on what is open to people who have no business there; none where nothing is.
+    """Sentences about access that is open to unauthorised people; none where none is.
 
-    `output` must have passed session.check_output. Only what the daemon listens on is looked at: whoever answers at
-    `connect` decides by its own configuration who may speak through it.
+    `output` must have passed session.check_output. Only the endpoints on which the daemon listens are checked: the
+    router at `connect` decides by its own configuration who may connect through it.
     """
     config = session_config(output)
     source = "output.listen" if output.zenoh_config is None else output.zenoh_config
@@ -23,21 +23,21 @@ def exposure(output: Output) -> list[str]:
 
 
 def _open_doors(config: zenoh.Config, output: Output) -> Iterator[str]:
-    allowed = " and move its pose (output.commands)" if output.commands else ""
+    allowed = " and change it (output.commands)" if output.commands else ""
     outside = [endpoint for endpoint in _endpoints(config) if not is_local(endpoint)]
     plain = [endpoint for endpoint in outside if endpoint.partition("/")[0] not in _ENCRYPTED]
     if plain:
-        yield f"whoever reaches {', '.join(plain)} can read the robot's pose{allowed}: no encryption, no login"
+        yield f"anyone who reaches {', '.join(plain)} can read the robot's pose{allowed}: no encryption, no login"
     elif outside and not value_of(config, "transport/link/tls/enable_mtls"):
-        yield f"whoever reaches {', '.join(outside)} can read the robot's pose{allowed}: tls/enable_mtls is not true"
+        yield f"anyone who reaches {', '.join(outside)} can read the robot's pose{allowed}: tls/enable_mtls is not true"
     elif outside and not value_of(config, "access_control/enabled"):
-        yield f"every certificate of the authority can read the robot's pose{allowed}: access_control is off"
+        yield f"any certificate of the authority can read the robot's pose{allowed}: access_control is off"
     if value_of(config, "scouting/multicast/enabled") is not False:
-        yield "scouting/multicast is on: Zenoh connects to whoever answers in the network"
+        yield "scouting/multicast is on: Zenoh connects to anyone who answers on the network"
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:
-    """Where it listens; Zenoh takes a list for all modes, or one for each."""
+    """The endpoints on which it listens; Zenoh accepts one list for all modes, or one for each."""
     found = value_of(config, "listen/endpoints")
     if isinstance(found, dict):
         found = found.get(value_of(config, "mode") or "peer", [])
@@ -45,7 +45,7 @@ def _endpoints(config: zenoh.Config) -> list[str]:
 
 
 def is_local(endpoint: str) -> bool:
-    """Whether only this machine reaches an end point such as tcp/127.0.0.1:7447."""
+    """Whether only this machine can reach an endpoint such as tcp/127.0.0.1:7447."""
     protocol, _, address = endpoint.partition("/")
     if protocol.startswith(("unix", "serial", "vsock")):
         return True

@@ -42,7 +42,7 @@ class Form(ABC):
 
     @abstractmethod
     def refusal(self, attachment: bytes, text: str) -> Reply:
-        """The answer that says why it is not carried out."""
+        """The answer that states why the request is refused."""
 
 
 class JsonForm(Form):
@@ -70,7 +70,7 @@ class _Service(Form):
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
         """See Form."""
         if len(attachment) != ros2.ATTACHMENT_BYTES:
-            raise Refused(f"attachment of {len(attachment)} bytes; rmw_zenoh's has {ros2.ATTACHMENT_BYTES}")
+            raise Refused(f"attachment of {len(attachment)} bytes; expected {ros2.ATTACHMENT_BYTES} of rmw_zenoh")
         return {}
 
     def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
@@ -88,7 +88,7 @@ def _reply(attachment: bytes, payload: bytes) -> Reply:
 
 
 class TriggerService(_Service):
-    """std_srvs/Trigger: nothing to say, and the answer tells whether it was done."""
+    """std_srvs/Trigger: an empty request, and an answer that states success."""
 
     done = encode_trigger(True, "")
 
@@ -127,7 +127,7 @@ def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
         _, frame = reader.header()
         values = reader.doubles(43)  # position 3, quaternion 4, covariance 36 (row-major, REP-103)
     except ValueError as error:
-        raise Refused(f"payload is no PoseWithCovarianceStamped: {error}") from error
+        raise Refused(f"payload is not a PoseWithCovarianceStamped: {error}") from error
     if frame not in ("", frame_id):
         raise Refused(f"header.frame_id: expected {frame_id!r}, got {frame!r}")
     if not all(map(math.isfinite, values)):
@@ -137,7 +137,7 @@ def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
     if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and texts of few digits
         raise Refused("pose.orientation: expected a unit quaternion")
     if min(xx, yy, hh) < 0:
-        raise Refused("pose.covariance: expected variances from 0")
+        raise Refused("pose.covariance: expected variances of at least 0")
     # Larger eigenvalue of the symmetric part.
     largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), 0.5 * (xy + yx))
     return {

@@ -1,4 +1,4 @@
-"""The pose as Foxglove's own messages in Protobuf, which Foxglove and Rerun draw as they are.
+"""The pose as Foxglove's own messages in Protobuf, which Foxglove and Rerun draw directly.
 
 `PoseEncoder`: foxglove.FrameTransform and foxglove.PoseInFrame. `Scene`: foxglove.SceneUpdate with the path so far and
 the bound. `SCHEMA` describes all three. Source: docs.foxglove.dev/docs/sdk/schemas.

@@ -1,4 +1,4 @@
-"""What the daemon says and hears as JSON: strict (no NaN or Infinity), compact, units in the names."""
+"""The daemon's messages as JSON: strict (no NaN or Infinity), compact, units in the names."""
 
 import json
 import math
@@ -18,7 +18,7 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
 class Refused(Exception):  # noqa: N818  # an outcome, not a fault: the asker is told and all goes on
-    """A request is not carried out; the text says why and goes back to whoever asked."""
+    """A request is refused; the text says why and goes back to the sender."""
 
 
 def pose_dict(pose: Pose, wall_ns: int) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def pose_json(pose: Pose, wall_ns: int) -> bytes:
 
 
 def encode(value: Mapping[str, Any]) -> bytes:
-    """Compact JSON in ASCII. Non-finite numbers become null; what JSON has no word for becomes text."""
+    """Compact JSON in ASCII. Non-finite numbers become null; types that JSON does not have become text."""
     with suppress(TypeError, ValueError):  # it knows no numpy
         data = msgspec.json.encode(value)
         if data.isascii():  # it escapes nothing
@@ -91,7 +91,7 @@ def _whole(text: str) -> int:
 
 
 def _plain(value: Any) -> Any:
-    """The value in what strict JSON can say."""
+    """The value in types of strict JSON."""
     if isinstance(value, Enum):
         value = value.value
     elif callable(tolist := getattr(value, "tolist", None)):  # numpy scalars and arrays

@@ -82,7 +82,7 @@ class QueryDesk:
         self._replies.join()
 
     def _receive(self, form: Form, query: Any) -> None:
-        """Take a query in; in Zenoh's thread, so with bounded work, and nothing raises."""
+        """Accept a query; in Zenoh's thread, so with bounded work, and without raising."""
         self._count("queries")
         if form.name in COMMANDS and str(query.key_expr) != form.key:
             # A get on `prefix/**` means to read; it must not reset the robot.
@@ -91,7 +91,7 @@ class QueryDesk:
         elif form.name in COMMANDS and not self._commands_allowed:
             self._refuse(form, query, "queries_refused", f"{form.name} is not allowed: output.commands is false")
         elif not self._allowance.take():
-            self._refuse(form, query, "queries_refused", f"more than {QUERIES_PER_S:g} queries a second")
+            self._refuse(form, query, "queries_refused", f"more than {QUERIES_PER_S:g} queries per second")
         else:
             try:
                 request = form.read(_bytes(query.payload, "payload"), _attachment(query))

@@ -1,4 +1,4 @@
-"""How ROS 2's rmw_zenoh names things on Zenoh: one node with publishers and services.
+"""Names of a ROS 2 node with publishers and services on Zenoh, as rmw_zenoh forms them.
 
 Source: ros2/rmw_zenoh, rmw_zenoh_cpp/src/detail (liveliness_utils.cpp, attachment_helpers.cpp, qos.cpp,
 rmw_service_data.cpp).

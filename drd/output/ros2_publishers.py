@@ -31,7 +31,7 @@ class _Publisher:
 
 
 class Ros2Publishers:
-    """Declares what `output` says. Raises zenoh.ZError, each method.
+    """Declares the publishers of `output`. Each method raises zenoh.ZError.
 
     None waits for a slow reader, as the pose does not. Where `output.zenoh_config` leaves Zenoh's own queues, they hold
     two express messages of one priority, and a third in the burst of one pose would be dropped on a busy machine: the

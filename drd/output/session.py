@@ -1,4 +1,4 @@
-"""Zenoh sessions that reach only what they are told to: no scouting, no shared memory."""
+"""Zenoh sessions that connect only to configured endpoints: no scouting, no shared memory."""
 
 import dataclasses
 import json
@@ -58,7 +58,7 @@ _TLS_FILES = (
 
 
 def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
-    """A configuration with these end points only. Raises zenoh.ZError for one that is not of Zenoh's form.
+    """A configuration with only these endpoints. Raises zenoh.ZError for one that is malformed.
 
     Shared memory is off: it needs mlock and /dev/shm, which a sandbox refuses. Gossip, by which neighbours learn of
     each other, is on only where this session connects somewhere: without it a ROS 2 peer behind the same router
@@ -88,7 +88,7 @@ def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]
 def session_config(output: Output) -> zenoh.Config:
     """The daemon's configuration: `output.zenoh_config` as it stands, else a peer that listens to queries only.
 
-    Raises ConfigError for a file, zenoh.ZError for end points that cannot be used.
+    Raises ConfigError for a file, zenoh.ZError for endpoints that cannot be used.
     """
     if output.zenoh_config is not None:
         return _from_file(output.zenoh_config)
@@ -101,7 +101,7 @@ def session_config(output: Output) -> zenoh.Config:
 
 
 class Limits(NamedTuple):
-    """Zenoh's silent limits: sessions at a time, and how long a put waits for room before it is dropped."""
+    """Zenoh's silent limits: simultaneous sessions, and how long a put waits for room before it is dropped."""
 
     sessions: int
     wait_ns: int
@@ -115,7 +115,7 @@ def limits(output: Output) -> Limits:
 
 
 def value_of(config: zenoh.Config, path: str) -> Any:
-    """What stands at `path`, as JSON has it."""
+    """The value at `path`, as JSON."""
     return json.loads(config.get_json(path))
 
 
@@ -131,7 +131,7 @@ def check_output(output: Output) -> None:
                 isolated_config("peer", (endpoint,), ())
             except zenoh.ZError as error:
                 got = f"{endpoint!r}: {tidy(error)}"
-                raise ConfigError("configuration", f"output.{name}", "Zenoh end points", got) from error
+                raise ConfigError("configuration", f"output.{name}", "Zenoh endpoints", got) from error
 
 
 def _check_ros2(output: Output) -> None:
@@ -165,7 +165,7 @@ def open_session(output: Output) -> Any:
             reasons = "; ".join(unreadable_files(output)) or tidy(error)
             key, expected, got = "output.zenoh_config", "one that opens", f"{output.zenoh_config}: {reasons}"
         else:
-            key, expected, got = _blamed(str(error), output), "Zenoh end points that open", tidy(error)
+            key, expected, got = _blamed(str(error), output), "Zenoh endpoints that can be opened", tidy(error)
         raise ConfigError("configuration", key, expected, got) from error
 
 

@@ -77,7 +77,7 @@ class ZenohLink:
 
     @property
     def wants_turns(self) -> bool:
-        """Whether `publish_turns` has anything to do."""
+        """Whether `publish_turns` publishes anything."""
         return self._ros2 is not None and self._ros2.wants_turns
 
     def publish_pose(self, pose: Pose, wall_ns: int) -> None:
@@ -102,13 +102,13 @@ class ZenohLink:
         self.counters["health"] += sent
 
     def publish_findings(self, payload: Mapping[str, Any]) -> None:
-        """Publish what the monitor says as JSON. Never raises for the network."""
+        """Publish the monitor's findings as JSON. Never raises for the network."""
         self.counters["findings"] += self._tried(self._findings.put, encode(payload))
 
     def neighbours(self) -> int:
         """How many sessions are connected now; 0 once it is closed.
 
-        Zenoh does not say whom it did not let in, so the log says when there are as many as are let in.
+        Zenoh does not report whom it refused, so the log says when the maximum is reached.
         """
         before = self._neighbours
         try:
@@ -116,7 +116,7 @@ class ZenohLink:
         except zenoh.ZError:  # the session is closed
             self._neighbours = 0
         if before < self._limits.sessions <= self._neighbours:
-            text = "zenoh: neighbours=%d, as many as are let in (output.max_sessions); more are refused"
+            text = "zenoh: neighbours=%d, the maximum (output.max_sessions); more are refused"
             log.warning(text, self._neighbours)
         return self._neighbours
 
@@ -154,5 +154,5 @@ class ZenohLink:
 
 
 def _times_slept() -> int:
-    """How often this thread gave up the processor by itself: it does to wait for room, not where others took it."""
+    """Voluntary context switches of this thread: it makes one to wait for room, not when it is preempted."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw

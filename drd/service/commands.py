@@ -1,4 +1,4 @@
-"""Commands of others to the pipeline, checked first."""
+"""Commands to the pipeline from outside, checked first."""
 
 import math
 import time
@@ -11,7 +11,7 @@ from drd.pipeline import LARGEST_COMMANDED, Pipeline
 
 
 class Commands:
-    """Handlers of the queries that change something, by name; each raises Refused."""
+    """Handlers of the queries that change the state, by name; each raises Refused."""
 
     def __init__(self, pipeline: Pipeline):
         self._pipeline = pipeline
@@ -32,7 +32,7 @@ class Commands:
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
                 raise Refused(f"{name}: expected a finite number, got {value!r}")
             if name.startswith("sigma") and value < 0:
-                raise Refused(f"{name}: expected a number from 0, got {value!r}")
+                raise Refused(f"{name}: expected a number of at least 0, got {value!r}")
             if abs(value) > LARGEST_COMMANDED:
                 raise Refused(f"{name}: expected at most {LARGEST_COMMANDED:g}, got {value!r}")
             values[name] = float(value)

@@ -72,7 +72,7 @@ class Daemon:
         self._input_tasks: list[asyncio.Task[None]] = []
 
     async def run(self, stop: asyncio.Event) -> bool:
-        """Work until `stop` is set. False: Zenoh did not close in time, and an orderly exit could hang."""
+        """Run until `stop` is set. False: Zenoh did not close in time, and an orderly exit could hang."""
         loop = asyncio.get_running_loop()
         self._link = ZenohLink(self._config.output.beside(self._base), self._handlers(), loop)
         if self._recorder is not None:
@@ -97,11 +97,11 @@ class Daemon:
             self._notifier.stopping()
             await self._tasks.cancel()
             if self._recorder is not None and not self._recorder.close(RECORDER_DEADLINE_S):
-                log.error("recording: the disk did not take the end within %g s", RECORDER_DEADLINE_S)
+                log.error("recording: its end was not written to disk within %g s", RECORDER_DEADLINE_S)
             if not self._memory.close(STATE_DEADLINE_S):
-                log.error("monitor: the disk did not take its memory within %g s", STATE_DEADLINE_S)
+                log.error("monitor: its memory was not written to disk within %g s", STATE_DEADLINE_S)
             if not self._state.close(STATE_DEADLINE_S):
-                log.error("state: the disk did not take it within %g s", STATE_DEADLINE_S)
+                log.error("state: not written to disk within %g s", STATE_DEADLINE_S)
             closed = self._link.close(CLOSE_DEADLINE_S)
         return closed
 
@@ -138,7 +138,7 @@ class Daemon:
     # ---- reload ------------------------------------------------------------------------------------------------
 
     def ask_for_reload(self) -> None:
-        """Read the configuration again, soon; from the event loop."""
+        """Request a reload of the configuration; call from the event loop."""
         self._reload_due.set()
 
     async def _reload_when_asked(self) -> None:
@@ -155,7 +155,7 @@ class Daemon:
                 text = str(error) if isinstance(error, ConfigError) else f"internal error: {error!r}"
                 self._reloads["refused"] += 1
                 self._reloads["error"] = text
-                log.error("reload=refused, all stays as it was: %s", text)
+                log.error("reload=refused, nothing has changed: %s", text)
             else:
                 await self._put_in_force(prepared)
             if self._ready:
@@ -176,11 +176,11 @@ class Daemon:
             self._open_inputs()
         self._reloads["done"] += 1
         self._reloads |= {"error": None, "waiting": prepared.waiting}
-        log.info("reload=done ports=%s", "opened anew" if reopen else "kept")
+        log.info("reload=done ports=%s", "reopened" if reopen else "kept")
         for text in anew:
             log.info("reload: %s", text)
         if prepared.waiting:
-            log.warning("reload: takes effect at the next start only: %s", ", ".join(prepared.waiting))
+            log.warning("reload: takes effect only at the next start: %s", ", ".join(prepared.waiting))
 
     def _put_monitor_in_force(self) -> None:
         self._monitoring.put_in_force(self._config, self.pipeline.calibration, self.pipeline.basis)

@@ -1,4 +1,4 @@
-"""The robot's ports around a pipeline: what arrives goes in, what the encoders' layout wants sent goes out."""
+"""The robot's ports around a pipeline: received data go in, frames that the encoders' layout sends go out."""
 
 import asyncio
 import time
@@ -30,7 +30,7 @@ class Inputs:
             self.ports["fog.port"] = self._line
 
     def work(self) -> list[Coroutine[Any, Any, None]]:
-        """Coroutines that must run for as long as the inputs are wanted."""
+        """Coroutines that must run for as long as the inputs are used."""
         work = [port.run() for port in self.ports.values()]
         if self._pipeline.encoders.cyclic is not None:
             work.append(self._send_cyclic(*self._pipeline.encoders.cyclic))

@@ -1,4 +1,4 @@
-"""What passes between the daemon and its monitor's process: a set-up, then samples one way, reports the other."""
+"""Messages between the daemon and its monitor's process: a set-up, then samples one way, reports the other."""
 
 import struct
 from typing import Final
@@ -25,9 +25,9 @@ ARGUMENTS: Final = ("-P", "-m", "drd.service.monitor_process")
 
 
 class Setup(Struct, frozen=True):
-    """The first packet: what the monitor is made of. `memory`: of earlier drives with the same `basis`.
+    """The first packet, from which the monitor is built. `memory`: of earlier drives with the same `basis`.
 
-    `wall_zero_ns`: the wall clock where the samples' clock is 0; `began_ns`: what that says now.
+    `wall_zero_ns`: the wall clock where the samples' clock is 0; `began_ns`: the samples' clock now.
     """
 
     config: Config
@@ -39,11 +39,11 @@ class Setup(Struct, frozen=True):
 
 
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What the process tells: after each block of samples, and why it ends (`error`) where it can.
+    """A report of the process: after each block of samples, and, if it can, why it ends (`error`).
 
     `day`: the constants of the drive so far, `known`: those that it began with,
-    `began_ns`: the time of its first sample. `wanted`: what the estimator may take, see Applying.
-    `notes`: what the system refused it. `tread_wanders`: see Monitor.wanders.
+    `began_ns`: the time of its first sample. `wanted`: what the estimator may adopt, see Applying.
+    `notes`: requests that the system refused. `tread_wanders`: see Monitor.wanders.
     `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """
 

@@ -1,4 +1,4 @@
-"""The monitor's process as the daemon has it: records go out in batches, reports come in, and nothing is waited for."""
+"""The monitor's process seen from the daemon: records go out in batches, reports come in, and nothing blocks."""
 
 import contextlib
 import os
@@ -24,11 +24,11 @@ END_S: Final = 2.0
 
 
 class Ended(Exception):  # noqa: N818  # an outcome
-    """The process is of no use any more; the text says why."""
+    """The process is no longer usable; the text says why."""
 
 
 class Child:
-    """One run of the process, with a batch of records on the way to it. Raises OSError where it cannot start."""
+    """One run of the process, with a batch of records for it. Raises OSError where it cannot start."""
 
     def __init__(self, setup: Setup):
         self.channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -80,9 +80,9 @@ class Child:
             self._gap_ns = None
 
     def check(self) -> None:
-        """Raise Ended where it has taken nothing for too long."""
+        """Raise Ended if the process has accepted nothing for too long."""
         if self._gap_ns is not None and (time.monotonic_ns() - self._gap_ns) * S_PER_NS > HUNG_S:
-            raise Ended(f"it has taken no samples for {HUNG_S:g} s")
+            raise Ended(f"it has accepted no samples for {HUNG_S:g} s")
 
     def report(self) -> Report | None:
         """The next report that has arrived, if any. Raises Ended."""
@@ -100,7 +100,7 @@ class Child:
         return report
 
     def end(self, has_ended: bool = False) -> str:
-        """End it at once and wait for the kernel; returns how it had ended already, in words.
+        """End the process at once and wait for the kernel; returns how it had already ended, in words.
 
         `has_ended`: it seems to have ended by itself.
         """
@@ -118,6 +118,6 @@ class Child:
 
 
 def _environment() -> dict[str, str]:
-    """The daemon's environment without what systemd tells it; modules are found where the daemon finds them."""
+    """The daemon's environment without systemd's variables; modules are found where the daemon finds them."""
     found = {name: value for name, value in os.environ.items() if name not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
     return found | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OPENBLAS_NUM_THREADS": "1"}

@@ -1,4 +1,4 @@
-"""The monitor as a process of its own: samples come in on standard input, a socket, and reports go out on it.
+"""The monitor as a separate process: samples come in on standard input, a socket, and reports go out on it.
 
 It ends when the daemon closes the socket, and on any error, which it reports; the daemon starts it again.
 """
@@ -34,7 +34,7 @@ UNSEEN_S: Final = 1e-9
 
 
 class Feed:
-    """Hands records to a monitor, as samples; `take` returns whether the monitor has got on by a block."""
+    """Passes records to a monitor as samples; `take` returns whether the monitor has completed a block."""
 
     def __init__(self, setup: Setup):
         self._lasting = LastingMonitor(setup.config, setup.memory, setup.wall_zero_ns, setup.began_ns)
@@ -45,7 +45,7 @@ class Feed:
         self.samples = self.gaps = 0
 
     def take(self, packet: bytes) -> bool:
-        """Hand the records of one packet over. Raises whatever the monitor does."""
+        """Pass on the records of one packet. Raises whatever the monitor raises."""
         before_s = self.monitor.now_s
         for kind, t_ns, a, b, c, d in RECORD.iter_unpack(packet):
             if kind == GAP:
@@ -68,7 +68,7 @@ class Feed:
         return self.monitor.now_s != before_s
 
     def report(self, notes: list[str]) -> Report:
-        """Report what is known by now."""
+        """The report on the samples so far."""
         findings = self._lasting.findings()
         self._applying.look(self.monitor, [f for f in findings if not is_wear(f)])
         return Report(
@@ -90,12 +90,12 @@ class Feed:
 
 
 def resident_bytes() -> int:
-    """Memory of this process; the largest that getrusage tells is that of the daemon, which started it."""
+    """Memory of this process; the peak that getrusage reports is that of the daemon, which started it."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def step_back() -> list[str]:
-    """Take the last place for the processor and for memory; returns what the system refused.
+    """Take the lowest priority for processor and memory; returns the requests that the system refused.
 
     Raises PermissionError where it has the daemon's real-time priority and cannot give it up.
     """
@@ -127,7 +127,7 @@ def serve(channel: socket.socket) -> None:
 
 
 def main() -> int:
-    """Serve the daemon; exit code 0 where it has left, 1 after an error."""
+    """Serve the daemon; exit code 0 after it has closed the channel, 1 after an error."""
     # It ends when the daemon does, and not before: a terminal and systemd signal both at once.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""The daemon's side of the monitor: samples go out to its process, findings come back, and nothing is waited for."""
+"""The daemon's side of the monitor: samples go out to its process, findings come back, and nothing blocks."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ GOOD_S: Final = 60.0
 
 
 class Monitoring(Observer):
-    """Has a monitor, in a process of its own, look at the pipeline's samples.
+    """Lets a monitor in a separate process observe the pipeline's samples.
 
     Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
     is started again, after pauses that double. `on_change` is called when the findings or suspicion are others,
@@ -61,7 +61,7 @@ class Monitoring(Observer):
     # ---- the pipeline's observer -------------------------------------------------------------------------------
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """A pose that was set is one to measure distances from; behind a reset none from before is."""
+        """Note a pose that was set: distances count from it, and after a reset from none before."""
         if self._process is not None and name in ("set_pose", "reset"):
             pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
             self._process.put(FIX, (now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
@@ -79,13 +79,13 @@ class Monitoring(Observer):
     # ---- what is wanted ----------------------------------------------------------------------------------------
 
     def put_in_force(self, config: Config, calibration: Calibration | None, basis: Basis) -> None:
-        """Watch a robot of this configuration from now on; with another one than before, from the beginning."""
+        """Watch a robot of this configuration from now on; begin anew if it differs from the previous one."""
         setup, self._reason = None, ""
         if config.monitor.enabled:
             if config.fog.protocol == "none":
-                self._reason = "no gyro: the monitor compares it with the wheels"
+                self._reason = "no gyro: the monitor compares gyro and wheels"
             elif config.model.file is not None:
-                self._reason = "model.file: the monitor would find the model's effects"
+                self._reason = "model.file is set: the monitor would report the model's effects"
             else:
                 # Only what it looks at: with another output period it need not begin anew.
                 parts = {name: getattr(config, name) for name in ("robot", "fog", "encoders", "estimation")}
@@ -110,12 +110,12 @@ class Monitoring(Observer):
         }
 
     def summary(self) -> list[dict[str, Any]]:
-        """Each finding in brief, for the health."""
+        """A short form of each finding, for the health."""
         names = ("effect", "text", "probability", "since_ns", "until_ns")
         return [{name: getattr(finding, name) for name in names} for finding in self._report.findings]
 
     def health(self) -> dict[str, Any] | None:
-        """State, reason, counts of samples and restarts, and what it costs; None where it is not asked for."""
+        """State, reason, counts of samples and restarts, and its cost; None where it is not configured."""
         if not self.is_enabled:
             return None
         process, report = self._process, self._report
@@ -136,7 +136,7 @@ class Monitoring(Observer):
 
     @property
     def status(self) -> str:
-        """A phrase for systemd's status; empty where there is nothing to say."""
+        """A phrase for systemd's status; empty where there is nothing to report."""
         texts = [f.text for f in self._report.findings if f.until_ns is None]
         found = f"monitor: {'; '.join(texts)}" if texts else ""
         return found or (f"monitor waiting: {self._reason}" if self._state == "waiting" else "")
@@ -144,7 +144,7 @@ class Monitoring(Observer):
     # ---- the process -------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Keep the process running as it is wanted, until cancelled."""
+        """Keep the process running as configured, until cancelled."""
         while True:
             self._changed.clear()
             if self._setup is None:
@@ -208,7 +208,7 @@ class Monitoring(Observer):
         """Wait before the next start, after the process has ended by itself."""
         self._reason = text
         self.restarts += 1
-        self._say(logging.WARNING, f"{text}; it is started again")
+        self._say(logging.WARNING, f"{text}; it will be restarted")
         self._tell("waiting", Report())
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         with contextlib.suppress(TimeoutError):

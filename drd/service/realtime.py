@@ -1,4 +1,4 @@
-"""Scheduling of the daemon: garbage collection, memory locking, priority. Refusals are told, not raised."""
+"""Scheduling of the daemon: garbage collection, memory locking, priority. Refusals are reported, not raised."""
 
 import ctypes
 import gc
@@ -11,7 +11,7 @@ _MCL_CURRENT_FUTURE = 1 | 2  # MCL_CURRENT | MCL_FUTURE of <sys/mman.h>
 
 
 def apply(realtime: Realtime) -> list[str]:
-    """Put `realtime` in force for this process; call after start-up, from the thread that runs the event loop.
+    """Put `realtime` into force for this process; call after start-up, from the thread that runs the event loop.
 
     Returns one message for each key that the system refused: key, reason, remedy. Never raises.
     """
@@ -34,7 +34,7 @@ def apply(realtime: Realtime) -> list[str]:
 
 
 def _lock_memory() -> str:
-    """Why memory could not be locked; empty: it is."""
+    """The reason why memory could not be locked; empty: it is locked."""
     # Under a finite limit mlockall may succeed, and MCL_FUTURE then turns a later allocation into a MemoryError.
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY:
@@ -48,7 +48,7 @@ def _lock_memory() -> str:
 
 
 def _fifo(priority: int) -> str:
-    """Why the priority could not be had; empty: it is in force, for this thread and none started by it later."""
+    """The reason why the priority was refused; empty: it is in force, for this thread and none started by it later."""
     try:
         # Where the service manager has given SCHED_FIFO to all threads, the ports' workers keep it: one sends SYNC.
         for_later_threads = 0 if os.sched_getscheduler(0) == os.SCHED_FIFO else os.SCHED_RESET_ON_FORK

@@ -13,10 +13,10 @@ from drd.recording.in_force import AS_WRITTEN, files_in_force
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a reload will put in force.
+    """The parts that a reload will put into force.
 
-    `pipeline`: made of it, and fed nothing yet. `files`: the texts of all files in force, for a replay. `waiting`: keys
-    whose new values take effect at the next start only.
+    `pipeline`: built from it, without samples yet. `files`: the texts of all files in force, for a replay. `waiting`:
+    keys whose new values take effect only at the next start.
     """
 
     loaded: Loaded[Config]
@@ -45,7 +45,7 @@ def prepare(running: Loaded[Config], base: Path) -> Prepared:
 
 
 def _with_what_stays(running: Loaded[Config], written: Loaded[Config]) -> tuple[Loaded[Config], list[str]]:
-    """The new values, but the running ones of what is set up once: name, session, recorder, state, scheduling."""
+    """The new values, except for keys that are set up once: name, session, recorder, state, scheduling."""
     old, new = running.value, written.value
     output = replace(old.output, publish_on=new.output.publish_on, health_period_s=new.output.health_period_s)
     config = replace(

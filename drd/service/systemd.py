@@ -1,4 +1,4 @@
-"""What systemd wants to hear from a service of Type=notify (sd_notify(3)), and nothing where there is no systemd."""
+"""Notifications to systemd of a service of Type=notify (sd_notify(3)); none where there is no systemd."""
 
 import os
 import socket
@@ -19,7 +19,7 @@ class Notifier:
         self.watchdog_period_s = _watchdog_period_s(environment)
 
     def ready(self, status: str) -> None:
-        """Say that start-up is over: units ordered after this one may start."""
+        """Report that start-up is complete: units ordered after this one may start."""
         self._send(f"READY=1\nSTATUS={_line(status)}")
 
     def status(self, text: str) -> None:
@@ -27,15 +27,15 @@ class Notifier:
         self._send(f"STATUS={_line(text)}")
 
     def watchdog(self) -> None:
-        """Say that the loop is alive; to be sent from it at least every `watchdog_period_s`."""
+        """Report that the loop is alive; to be sent from it at least every `watchdog_period_s`."""
         self._send("WATCHDOG=1")
 
     def reloading(self) -> None:
-        """Say that the configuration is being read again; `ready` ends it. Type=notify-reload asks for the time."""
+        """Report that the configuration is being reloaded; `ready` ends it. Type=notify-reload requires the time."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // NS_PER_US}")
 
     def stopping(self) -> None:
-        """Say that the daemon shuts down of its own accord."""
+        """Report that the daemon is shutting down of its own accord."""
         self._send("STOPPING=1")
 
     def _send(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Coroutines that run for ever, started and stopped one by one; the end of any of them is noticed."""
+"""Coroutines that run for ever, started and stopped individually; the end of any of them is noticed."""
 
 import asyncio
 from collections.abc import Coroutine, Sequence

@@ -1,4 +1,4 @@
-"""How much comes in and goes out, and how long it takes."""
+"""Rates of inputs and outputs, and latency."""
 
 import time
 
@@ -21,7 +21,7 @@ class Traffic:
         self._max_ns = max(self._max_ns, latency_ns)
 
     def close_period(self, now_ns: int, wheel_samples: int) -> None:
-        """Make `last` of what was added since the last call.
+        """Set `last` from what was added since the last call.
 
         `wheel_samples` counts them from the start, or from a reload.
         """

@@ -90,7 +90,7 @@ def test_an_unknown_temperature_costs_half_the_range(calibration: Calibration) -
         ({"residual_deg_s": -1}, "residual_deg_s", "from 0"),
         ({"residual_deg_s": None}, "residual_deg_s", "a number in deg/s from 0"),
         ({"residual_before_deg_s": -0.1}, "residual_before_deg_s", "from 0"),
-        ({"provenance": {}}, "provenance", "come from"),
+        ({"provenance": {}}, "provenance", "origin of"),
         ({"colour": "red"}, "colour", "one of format"),
     ],
 )
@@ -142,7 +142,7 @@ def spoilt(row: int, column: int, value: object) -> list[list[object]]:
         (spoilt(2, 3, 1.0), "a symmetric matrix", "differ by"),
         (spoilt(2, 3, 1e308), "a symmetric matrix", "differ by"),
         (spoilt(2, 2, 0.0), "no covariance where the variance is 0", "one"),
-        (covariance(-1.0), "variances from 0", "-"),
+        (covariance(-1.0), "variances of at least 0", "-"),
         (np.where(np.eye(12), 1.0, -0.5).tolist(), "positive semidefinite", "eigenvalue of -4.5"),
     ],
 )

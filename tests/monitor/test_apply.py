@@ -186,7 +186,7 @@ def test_what_is_too_large_or_no_constant_is_refused_and_changes_nothing(driving
     estimator = driving.pipeline.estimator
     P, nominal = estimator.filter.P.copy(), replace(estimator.filter.nominal)
     assert estimator.apply(bad.name, bad) is not None
-    assert estimator.apply(RADII, None) == "radii: nothing to put back"
+    assert estimator.apply(RADII, None) == "radii: nothing to restore"
     assert np.array_equal(P, estimator.filter.P)
     assert nominal == estimator.filter.nominal
 

@@ -17,9 +17,9 @@ def test_what_stays_on_this_machine_is_no_exposure(endpoint: str) -> None:
 @pytest.mark.parametrize("endpoint", ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "udp/192.168.1.10:7447", "tcp/mybot:7447"])
 def test_an_open_door_is_named_with_what_it_gives(endpoint: str) -> None:
     [text] = exposure(Output(listen=("tcp/127.0.0.1:1", endpoint)))
-    assert text.startswith(f"output.listen: whoever reaches {endpoint} can read the robot's pose:")
+    assert text.startswith(f"output.listen: anyone who reaches {endpoint} can read the robot's pose:")
     [text] = exposure(Output(listen=(endpoint,), commands=True))
-    assert "and move its pose (output.commands)" in text
+    assert "and change it (output.commands)" in text
 
 
 def test_the_shipped_tls_file_is_no_exposure() -> None:
@@ -50,7 +50,7 @@ def test_check_tells_what_is_open_and_which_file_is_missing(tmp_path: Path, caps
     file = tmp_path / "robot.yaml"
     file.write_text(robot + "output: {listen: [tcp/0.0.0.0:7447]}\n")
     assert main(["check", str(file)]) == 0
-    assert "note: output.listen: whoever reaches tcp/0.0.0.0:7447 can read" in capsys.readouterr().out
+    assert "note: output.listen: anyone who reaches tcp/0.0.0.0:7447 can read" in capsys.readouterr().out
     (tmp_path / "tls.json5").write_text(SHIPPED.read_text().replace("/etc/drd/tls", str(tmp_path)))
     file.write_text(robot + "output: {zenoh_config: tls.json5}\n")
     assert main(["check", str(file)]) == 0

@@ -56,7 +56,7 @@ def test_a_latency_is_not_corrected_twice(
     assert kf.nominal.wheel_lag_s == pytest.approx(late_then[0] - late_then[1], abs=0.01)
     assert kf.sigma(WHEEL_LAG) < 0.02
     (text,) = made.reload(T0 + round(TURNING_S * S), pipeline(with_lines(now)), {})
-    assert text.startswith("the wheels' lag is learned anew, since ")
+    assert text.startswith("the wheels' lag is learned again, since ")
     kf = made.estimator.filter
     assert kf.sigma(WHEEL_LAG) == pytest.approx(0.2, rel=0.01)
     poses = feed(made.estimator, late(TURNING_S, 90.0, *late_now))
@@ -72,7 +72,7 @@ def test_a_robot_that_is_said_to_skid_is_as_unsure_as_at_a_cold_start(then: str)
     feed(made.estimator, drive(60.0))
     assert made.estimator.knowledge.steering.drive is Drive.DIFFERENTIAL
     (text,) = made.reload(T0 + 60 * S, pipeline(DIFFERENTIAL.replace("differential", "skid") + REST), {})
-    assert text == f"wheel scales and tread are learned anew, since robot.drive was {then}, is skid"
+    assert text == f"wheel scales and tread are learned again, since robot.drive changed from {then} to skid"
     kf = made.estimator.filter
     assert [kf.sigma(state) for state in (SCALE_L, TREAD, SLIP)] == pytest.approx([0.04, 0.25, 0.25])
 

@@ -268,7 +268,7 @@ def test_one_that_takes_nothing_for_long_is_given_up(monkeypatch: pytest.MonkeyP
 
         await until(more)
         assert health(monitoring)["dropped"] > 0
-        assert health(monitoring)["reason"] == "it has taken no samples for 0.2 s"
+        assert health(monitoring)["reason"] == "it has accepted no samples for 0.2 s"
         await until(lambda: health(monitoring)["state"] == "running")
 
     with_monitoring(work, config_of())

@@ -218,10 +218,20 @@ def test_a_robot_that_restarts_at_its_dock_keeps_only_what_it_has_learned() -> N
 @pytest.mark.parametrize(
     ("change", "wheels", "gyro", "text"),
     [
-        (("tread_m: 0.588", "tread_m: 0.6"), True, False, "robot.tread_m was 0.588, is 0.6"),
-        (("wheel_radius_m: 0.1", "wheel_radius_m: 0.11"), True, False, "robot.wheel_radius_m was 0.1, is 0.11"),
-        (("estimation:", "fog: {positive: counterclockwise}\nestimation:"), False, True, "fog.positive was clockwise"),
-        (("estimation:", "calibration: {file: c.yaml}\nestimation:"), False, True, "calibration was none, is sha256"),
+        (("tread_m: 0.588", "tread_m: 0.6"), True, False, "robot.tread_m changed from 0.588 to 0.6"),
+        (("wheel_radius_m: 0.1", "wheel_radius_m: 0.11"), True, False, "robot.wheel_radius_m changed from 0.1 to 0.11"),
+        (
+            ("estimation:", "fog: {positive: counterclockwise}\nestimation:"),
+            False,
+            True,
+            "fog.positive changed from clockwise",
+        ),
+        (
+            ("estimation:", "calibration: {file: c.yaml}\nestimation:"),
+            False,
+            True,
+            "calibration changed from none to sha256",
+        ),
         (("estimation:", "realtime: {fifo_priority: 5}\nestimation:"), False, False, "gyro bias known"),
     ],
 )
@@ -285,7 +295,7 @@ def test_lag_and_how_the_robot_steers_apply_where_they_were_learned_with_the_sam
     kf.P[WHEEL_LAG, WHEEL_LAG] = kf.P[TREAD, TREAD] = 1e-12
     found, other = restart(state(made, learned=Learned("skid")), after(60.0), text.replace(*now) if now else text)
     n, P, cold = found.estimate.nominal, found.estimate.P, other.estimator.sigmas
-    assert ("the wheels' lag is learned anew" in found.text) is lag
+    assert ("the wheels' lag is learned again" in found.text) is lag
     assert n.wheel_lag_s == (0.0 if lag else 0.15)
     assert P[WHEEL_LAG, WHEEL_LAG] == pytest.approx(cold.wheel_lag_s**2 if lag else 1e-12)
     assert n.tread_m == (TREAD_M if wheels else 0.59)
@@ -301,7 +311,7 @@ def test_a_file_of_before_lag_and_drive_were_in_it_is_gone_on_from() -> None:
         saved = state(made)
         old = dataclasses.replace(saved, basis=Basis(saved.basis.wheels, saved.basis.gyro, {}))
         found, _ = restart(old, after(5.0))
-        assert ("anew" not in found.text) is is_kept
+        assert ("learned again" not in found.text) is is_kept
         assert (found.estimate.nominal.tread_m == 0.59) is is_kept
 
 

@@ -115,7 +115,7 @@ def test_wrong_values_under_a_right_checksum_raise_nothing_else(path: str, value
         ({"nominal__gyro_bias_rad_s": None}, r"Expected `float`, got `null` - at `\$.nominal.gyro_bias_rad_s`"),
         ({"at_rest": 1}, r"Expected `bool`, got `int` - at `\$.at_rest`"),
         ({"P": [[0.0] * 9] * 8}, r"Expected `array` of length >= 11 - at `\$.P`"),
-        ({"P": (-np.eye(11)).tolist()}, "variances from 0"),
+        ({"P": (-np.eye(11)).tolist()}, "variances of at least 0"),
         ({"P": np.triu(np.ones((11, 11))).tolist()}, "symmetric"),
         ({"P": (np.eye(11) + 0.9 * (np.eye(11, k=1) + np.eye(11, k=-1))).tolist()}, "positive semidefinite"),
         ({"P": (np.diag([0.0] + [1.0] * 10) + 0.1 * (np.eye(11, k=1) + np.eye(11, k=-1))).tolist()}, "variance is 0"),
