@@ -1,4 +1,4 @@
-"""Reading the configuration file, what only several of its keys together say, and what it makes of files' places."""
+"""Reading the configuration file: checks of several keys together, and the paths of files that it names."""
 
 import os
 import re
@@ -23,8 +23,8 @@ def load_config(file: Path) -> Loaded[Config]:
 def load_overlay(file: Path, base: Config) -> Loaded[Config]:
     """Read a configuration file, of which any part may be missing, over `base`. Raises ConfigError.
 
-    The paths of files that it states start from its own folder, and are made absolute. What several keys together
-    say is not checked.
+    The paths of files that it states start from its own folder, and are made absolute. Several keys
+    together are not checked.
     """
     loaded = load(file, Config, base)
     config, folder = loaded.value, file.parent.resolve()
@@ -43,12 +43,12 @@ def load_overlay(file: Path, base: Config) -> Loaded[Config]:
 
 
 def check_layout(loaded: Loaded[Config]) -> None:
-    """Raise ConfigError where the keys of the encoders' frames do not go together."""
+    """Raise ConfigError where the keys of the encoders' frames contradict each other."""
     _refuse(loaded, _encoders(loaded.value.encoders))
 
 
 def check_estimate(loaded: Loaded[Config]) -> None:
-    """Raise ConfigError where keys of times, heading or outputs do not go together."""
+    """Raise ConfigError where keys of times, heading or outputs contradict each other."""
     _refuse(loaded, chain(_times(loaded.value), _outputs(loaded.value)))
 
 
@@ -65,7 +65,7 @@ def _encoders(e: Encoders) -> Iterator[Complaint]:
     """Complaints about the encoders."""
     by_counts = {"cia406": True, "odrive": e.odrive.message == "counts", "dbc": e.dbc.quantity == "counts"}
     if by_counts.get(e.layout, False) and e.counts_per_revolution is None:
-        yield "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"
+        yield "encoders.counts_per_revolution", f"a number, since layout {e.layout} reads counts", "nothing"
     from can import VALID_INTERFACES  # noqa: PLC0415  # replay and diagnosis do without python-can
 
     if e.interface not in VALID_INTERFACES:
@@ -75,31 +75,31 @@ def _encoders(e: Encoders) -> Iterator[Complaint]:
             if attrgetter(path)(e) is None:
                 yield f"encoders.{path}", "a name, since the layout is dbc", "nothing"
     elif e.layout != "agilex" and e.left.node == e.right.node:
-        yield "encoders.right.node", "another node than the left wheel's", str(e.right.node)
+        yield "encoders.right.node", "a node other than the left wheel's", str(e.right.node)
     if e.cia406.byte_offset + e.cia406.byte_length > 8:
         got = f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}"
         yield "encoders.cia406.byte_length", "a field that ends within 8 bytes", got
 
 
 def _times(c: Config) -> Iterator[Complaint]:
-    """Times that do not go together."""
+    """Complaints about times that contradict each other."""
     bias, wait_s = c.estimation.static_bias, c.estimation.reorder_s
     if 0 < bias.duration_s < bias.minimum_s:
         expected = f"at most duration_s ({bias.duration_s:g})"
         yield "estimation.static_bias.minimum_s", expected, f"{bias.minimum_s:g}"
     gyro_age_s = c.fog.latency_s + 1.0 / c.fog.rate_hz
     if c.fog.protocol != "none" and gyro_age_s >= wait_s:
-        expected = f"more than a gyro sample's age, latency_s and one period ({gyro_age_s:g} s)"
+        expected = f"more than a gyro sample's age, latency_s plus one period ({gyro_age_s:g} s)"
         yield "estimation.reorder_s", expected, f"{wait_s:g}"
     for name, part in (("fog", c.fog), ("encoders", c.encoders)):
         age_s = part.latency_s + 1.0 / part.rate_hz
         if part.silent_after_s <= age_s:
-            expected = f"more than a sample's age, latency_s and one period ({age_s:g} s)"
+            expected = f"more than a sample's age, latency_s plus one period ({age_s:g} s)"
             yield f"{name}.silent_after_s", expected, f"{part.silent_after_s:g}"
 
 
 def _outputs(c: Config) -> Iterator[Complaint]:
-    """Outputs that the robot's sensors, or Zenoh, do not permit."""
+    """Complaints about outputs that the robot's sensors, or Zenoh, do not permit."""
     if c.output.publish_on == "gyro" and c.fog.protocol == "none":
         yield "output.publish_on", "wheels, since the robot has no gyro", "'gyro'"
     if c.estimation.heading == "gyro" and c.fog.protocol == "none":
@@ -111,10 +111,10 @@ def _outputs(c: Config) -> Iterator[Complaint]:
 
 
 def in_state_directory(folder: str) -> Path:
-    """Relative folders start from the service's first state directory under systemd, else from the working one."""
+    """The base of relative folders: the service's first state directory under systemd, else the working directory."""
     return Path(os.environ.get("STATE_DIRECTORY", "").split(":")[0]) / folder
 
 
 def file_name(robot: str) -> str:
-    """A robot's name as names of files have it."""
+    """A robot's name in the form used in file names."""
     return re.sub(r"[^A-Za-z0-9_.]+", "_", robot)

@@ -48,7 +48,7 @@ MEMS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A robot with two driven sides, as its drawings and its sensors' data sheets have it. None: not known.
+    """A robot with two driven sides, from its drawings and its sensors' datasheets. None: not known.
 
     The last text in a value's annotation is its key in robot.yaml. Sizes of a robot without encoders may be NaN.
     """
@@ -102,7 +102,7 @@ class Robot:
     standstill_at_start_s: Annotated[float, "s", Meta(ge=0, le=1e6), "standstill_at_start_s"] = 0.0
 
     def __post_init__(self) -> None:
-        """Take numpy's numbers as Python's. Raises ConfigError where a value is not of its type or out of its range."""
+        """Convert numpy's numbers to Python's. Raises ConfigError for a value of a wrong type or out of range."""
         stated = {path: _plain(getattr(self, name)) for name, path in PATHS.items()}
         known = {path: value for path, value in stated.items() if value is not None and not is_nan(value)}
         try:
@@ -116,11 +116,11 @@ class Robot:
 
     @property
     def has_gyro_sheet(self) -> bool:
-        """Whether anything is known of a gyro."""
+        """Whether anything is known about a gyro."""
         return any(getattr(self, name) is not None for name in SHEET)
 
     def without_gyro(self) -> "Robot":
-        """The robot with nothing known of a gyro."""
+        """The robot without its gyro."""
         return replace(self, **dict.fromkeys(SHEET))  # type: ignore[arg-type]  # each may be None
 
     def sections(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Robot:
         return nested({path: getattr(self, name) for name, path in PATHS.items()})
 
     def config(self, *, has_gyro: bool = True) -> Config:
-        """The configuration of an `Estimator` that is fed with samples. Raises ConfigError."""
+        """The configuration of an `Estimator` that receives samples. Raises ConfigError."""
         return nominal_config(self, Fog.rate_hz if has_gyro else None, Encoders.rate_hz)
 
 
@@ -156,12 +156,12 @@ RobotFile: Final = _section("RobotFile", nested({path: name for name, path in PA
 
 
 def robot_of(file: Any) -> Robot:
-    """The robot that a RobotFile states."""
+    """The robot described by a RobotFile."""
     return Robot(**{name: attrgetter(path)(file) for name, path in PATHS.items()})
 
 
 def load_robot(file: Path, has_wheels: bool = True) -> Loaded[Robot]:
-    """Read robot.yaml. Without encoders nothing need be known of the wheels. Raises ConfigError."""
+    """Read robot.yaml. Without encoders it need not describe the wheels. Raises ConfigError."""
     loaded, meanings = load(file, RobotFile), dict(keys(RobotFile))
     for path in ("wheel.radius_m", "tread_m") if has_wheels else ():
         if math.isnan(attrgetter(path)(loaded.value)):
@@ -175,7 +175,7 @@ def _plain(value: object) -> object:
 
 
 def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> Config:
-    """The daemon's configuration that a robot stands for. Nothing in it comes from the recorded motion.
+    """The daemon's configuration for a robot. Nothing in it comes from the recorded motion.
 
     `gyro_hz`, `wheels_hz`: how often the sensors report, where the robot does not state it. None: there is no gyro.
     """
@@ -213,7 +213,7 @@ def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> C
 
 
 def longest_gap_s(wheels_hz: float) -> float:
-    """How far apart rows of the wheels may be that are taken for motion."""
+    """The largest interval between rows of the wheels that still counts as motion, s."""
     return max(Encoders.gap_s, 3.0 / wheels_hz)
 
 
@@ -225,6 +225,6 @@ def data_sheet(robot: Robot) -> Robot:
 
 
 def _stated(base: T, robot: Robot, names: dict[str, str]) -> T:
-    """`base` with the values that the data sheets state."""
+    """`base` with the values of the datasheets."""
     found = {ours: getattr(robot, theirs) for theirs, ours in names.items() if getattr(robot, theirs) is not None}
     return replace(base, **found)  # type: ignore[type-var]  # a dataclass

@@ -1,7 +1,7 @@
-"""YAML files into frozen dataclasses by way of msgspec: with the origin of each value and errors that name the key.
+"""YAML files into frozen dataclasses with msgspec, with the origin of each value and errors that name the key.
 
-A key's annotation says what it may be: `Annotated[float, "m", Meta(ge=0.1, le=5)] | None`, `Literal["a", "b"]`; the
-text in it is the unit, or what a text or a list is of. The string below the key says what it means. Every number is
+A key's annotation gives its type: `Annotated[float, "m", Meta(ge=0.1, le=5)] | None`, `Literal["a", "b"]`; the text
+in it is the unit, or names what a text or a list holds. The string below the key gives its meaning. Every number is
 finite, and a whole one has 64 bits at most.
 """
 
@@ -33,20 +33,20 @@ MISSING: Final = re.compile(r"Object missing required field `(.*)`")
 
 
 class ConfigError(Exception):
-    """A file cannot be used. The text names the file, the key, what was expected and what was found."""
+    """An unusable file. The text names the file, the key, the expected and the actual value."""
 
     def __init__(self, where: str, path: str, expected: str, got: str):
         super().__init__(f"{where}: {f'{path}: ' if path else ''}expected {expected}, got {got}")
         self.where, self.path, self.expected, self.got = where, path, expected, got
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[str, str, str, str]]:
-        """How to pickle it: the text alone would not make it again."""
+        """Arguments for pickling: the text alone would not restore it."""
         return ConfigError, (self.where, self.path, self.expected, self.got)
 
 
 @dataclass(frozen=True)
 class Key:
-    """What an annotation says. `low` and `high` belong to the range."""
+    """The content of an annotation. `low` and `high` belong to the range."""
 
     kind: Any
     unit: str = ""
@@ -70,7 +70,7 @@ class Key:
 
 @functools.cache
 def _arms(hint: Any) -> tuple[Key, ...]:
-    """What a value may be, one after the other; null last."""
+    """Permitted types of a value, one after the other; null last."""
     if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
         return tuple(key for arm in typing.get_args(hint) for key in _arms(arm))
     notes: tuple[Any, ...] = getattr(hint, "__metadata__", ())
@@ -92,7 +92,7 @@ def _is_section(kind: Any) -> bool:
 
 
 def keys(cls: Any, prefix: str = "") -> Iterator[tuple[str, Key]]:
-    """Path and meaning of each key, those of sections in the place of the section."""
+    """Path and meaning of each key, those of a section in its place."""
     for name, hint in _hints(cls).items():
         if _is_section(hint):
             yield from keys(hint, f"{prefix}{name}.")
@@ -106,7 +106,7 @@ def values(section: Any) -> dict[str, Any]:
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Sections of keys, as a file has them, of values by their paths."""
+    """Nested sections, as in a file, of values by path."""
     content: dict[str, Any] = {}
     for path, value in values.items():
         *sections, name = path.split(".")
@@ -118,7 +118,7 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def meanings(cls: Any, prefix: str = "") -> dict[str, str]:
-    """What the string below each key says, by path. Reads the source."""
+    """The string below each key, by path. Reads the source."""
     found: dict[str, str] = {}
     for part in cls.__mro__[-2::-1]:
         (definition,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
@@ -141,7 +141,7 @@ class Loaded(typing.Generic[T]):
     file: str = "(text)"
 
     def place(self, path: str) -> str:
-        """Where the key `path` stands: file and line, or the file alone where its default is in force."""
+        """Location of the key `path`: file and line, or the file alone where its default is in force."""
         origin = self.origins.get(path, "default")
         return self.file if origin == "default" else origin
 
@@ -162,9 +162,7 @@ def read_text(file: Path, encoding: str = "utf-8") -> str:
 
 @contextmanager
 def named_by(key: str, file: Path) -> Iterator[None]:
-    """Name a file by the key that leads to it, which has a line, where the file is wrong as a whole. Raises
-    ConfigError.
-    """
+    """Report a file that is wrong as a whole at the line of the key that names it. Raises ConfigError."""
     try:
         yield
     except ConfigError as error:
@@ -176,7 +174,7 @@ def named_by(key: str, file: Path) -> Iterator[None]:
 def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None) -> Loaded[T]:
     """Read YAML text into `cls`. Raises ConfigError; nothing else escapes.
 
-    What the text does not state has its default; with `base` it has the value there, and no key is required.
+    A key that the text does not state has its default; with `base` it has the value there, and no key is required.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -187,7 +185,7 @@ def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None)
 
 
 def made(node: yaml.Node | None, cls: type[T], where: str, path: str = "", base: T | None = None) -> Loaded[T]:
-    """`cls` of a YAML node that stands at `path`. Raises ConfigError.
+    """`cls` from the YAML node at `path`. Raises ConfigError.
 
     A field of the type `yaml.Node` is a node that is looked at later.
     """
@@ -204,7 +202,7 @@ def made(node: yaml.Node | None, cls: type[T], where: str, path: str = "", base:
 
 
 class _Reader:
-    """Plain values of YAML nodes, each as its type wants it; nodes and types are kept by path, for errors."""
+    """Plain values of YAML nodes, converted to their types; nodes and types are kept by path, for errors."""
 
     def __init__(self, where: str):
         self.where = where
@@ -212,11 +210,11 @@ class _Reader:
         self.hints: dict[str, Any] = {}
 
     def at(self, path: str) -> str:
-        """File and line, or nothing where the file does not have it."""
+        """File and line; empty where the file does not have the key."""
         return f"{self.where}:{self.nodes[path].start_mark.line + 1}" if path in self.nodes else ""
 
     def error(self, path: str) -> ConfigError:
-        """The error that what stands at `path`, or is missing there, is not of its type."""
+        """The error of a value at `path` that is missing or not of its type."""
         node, arms = self.nodes.get(path), [arm for arm in _arms(self.hints[path]) if not _is_section(arm.kind)]
         got = "nothing (the key is required)" if node is None else _shown(node)
         if isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'} and arms[0].kind in (bool, int, float):
@@ -237,7 +235,7 @@ class _Reader:
             if names and name not in names:
                 raise ConfigError(where, here, f"one of {', '.join(names)}", "an unknown key")
             if name in found:
-                raise ConfigError(where, here, "each key once", "a second one")
+                raise ConfigError(where, here, "each key once", "a duplicate")
             found[name] = self.nodes[here] = value
         return found
 
@@ -287,7 +285,7 @@ class _Reader:
 
 
 def is_nan(value: Any) -> bool:
-    """Whether it is NaN, not stated. A key with this default need not be stated, and null says that it is not."""
+    """Whether a value is NaN, that is, not stated. A key with this default is optional; null means not stated."""
     return isinstance(value, float) and math.isnan(value)
 
 
@@ -312,7 +310,7 @@ def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
 
 
 def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
-    """Where PyYAML gave up, as ":line" or "" if it does not say, and why."""
+    """The place at which PyYAML gave up, as ":line" or "" if unknown, and its reason."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         context = f" ({error.context})" if error.context else ""
         return f":{error.problem_mark.line + 1}", f"an error: {error.problem}{context}"
@@ -323,7 +321,7 @@ def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
 
 
 def _number(value: float) -> str:
-    """The number as text, without an exponent where it is whole."""
+    """The number as text, without an exponent if it is whole."""
     return str(int(value)) if value == int(value) else f"{value:g}"
 
 

@@ -30,6 +30,6 @@ def make_layout(encoders: Encoders, base: Path) -> Layout:
         if own is None and (layout.reports_speed or encoders.layout == "odrive"):
             raise ConfigError(str(base), "encoders.modulus_counts", "null, since no counts are read", got)
         if own is not None and encoders.modulus_counts > own:
-            raise ConfigError(str(base), "encoders.modulus_counts", f"at most {own}, what the field can hold", got)
+            raise ConfigError(str(base), "encoders.modulus_counts", f"at most {own}, the capacity of the field", got)
         layout.modulus_counts = encoders.modulus_counts
     return layout

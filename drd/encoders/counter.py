@@ -12,7 +12,7 @@ LONGEST_TOLD_S = 10.0
 
 
 class Outcome(Enum):
-    """What a reading told about the travel since the reading before."""
+    """Information of a reading on the travel since the previous one."""
 
     MOVED = "moved"
     """The travel since then is known, zero included."""
@@ -39,7 +39,7 @@ class Travel(ABC):
         self._value: float | None = None
 
     def restart(self) -> None:
-        """Take the next reading for a new start: the device has started anew."""
+        """Treat the next reading as a new start: the device has restarted."""
         self.counters["restarts"] += 1
         self._value = None
 
@@ -68,11 +68,11 @@ class Travel(ABC):
 
     @abstractmethod
     def _possible(self, value: float) -> bool:
-        """Whether the device can report this value at all."""
+        """Whether the device can report this value."""
 
     @abstractmethod
     def _step(self, before: float, value: float, elapsed_s: float) -> float | None:
-        """Travel between two readings; None where it cannot be motion."""
+        """Travel between two readings; None if it cannot be motion."""
 
 
 class Counter(Travel):

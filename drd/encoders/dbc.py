@@ -79,7 +79,7 @@ class Dbc(Layout):
         found = {side: find_signal(database, encoders, base, side) for side in Side}
         if found[Side.LEFT] == found[Side.RIGHT]:
             got = str(encoders.right.signal)
-            raise ConfigError(str(base), side_key(Side.RIGHT, "signal"), "another signal than the left wheel's", got)
+            raise ConfigError(str(base), side_key(Side.RIGHT, "signal"), "a signal other than the left wheel's", got)
         self.reports_speed = encoders.dbc.quantity == "speed"
         self._speed_unit_m_s = encoders.dbc.speed_unit_m_s
         if not self.reports_speed:
@@ -131,7 +131,7 @@ def load_database(encoders: Encoders, base: Path) -> "Database":
     try:
         for number in (int(text) for sizes in _SIZES.findall(file.read_bytes()) for text in sizes if text):
             if number > _LARGEST:
-                raise ValueError(f"a length or place of {number}, more than a message has bits")
+                raise ValueError(f"a length or position of {number}, beyond the bits of a message")
         # Not strict: files in use often hold overlapping signals, which do no harm to the wanted ones.
         database: Any = cantools.database.load_file(file, database_format="dbc", strict=False)
     except Exception as error:  # a parser of foreign text may raise anything
@@ -141,7 +141,7 @@ def load_database(encoders: Encoders, base: Path) -> "Database":
 
 
 def find_signal(database: "Database", encoders: Encoders, base: Path, side: Side) -> tuple["Message", "Signal"]:
-    """The message and signal of one side. Raises ConfigError naming the key of what the file does not hold."""
+    """The message and signal of one side. Raises ConfigError naming the key of what is missing in the file."""
     wheel, where = wheels(encoders)[side], str(base / str(encoders.dbc.file))
     message = next((m for m in database.messages if m.name == wheel.message), None)
     if message is None:
@@ -156,7 +156,7 @@ def find_signal(database: "Database", encoders: Encoders, base: Path, side: Side
 
 
 def _modulus_counts(found: dict[Side, tuple["Message", "Signal"]], base: Path) -> int | None:
-    """Range of the two raw counters; None for float signals."""
+    """Modulus of the two raw counters; None for float signals."""
     left, right = (found[side][1] for side in Side)
     if (left.length, left.is_float) != (right.length, right.is_float):
         got = f"{left.name} with {left.length} bits and {right.name} with {right.length}"

@@ -1,4 +1,4 @@
-"""What every layout of encoder frames offers: which frames it reads, and what they say."""
+"""Interface of all layouts of encoder frames: the frames that they read, and their content."""
 
 from math import pi
 from pathlib import Path
@@ -10,7 +10,7 @@ from drd.samples import CanFrame, Side, WheelReading
 
 
 class CounterRestart(NamedTuple):
-    """A side's device has started anew: the next reading is a new start, not motion.
+    """Restart of a side's device: the next reading is a new start, not motion.
 
     `reply` holds the frames to send in answer; their `t_ns` has no meaning.
     """
@@ -20,7 +20,7 @@ class CounterRestart(NamedTuple):
 
 
 class Layout(Protocol):
-    """One way to lay wheel readings out in CAN frames. `decode` never raises: every bad frame has a counter.
+    """A layout of wheel readings in CAN frames. `decode` never raises: every bad frame has a counter.
 
     `can_ids`: the identifiers it reads, each with whether it is an extended (29-bit) one.
     `modulus_counts`: count at which the counter starts again; None: it never does (float revolutions, speed).
@@ -43,7 +43,7 @@ class Layout(Protocol):
         return 1.0 if self.reports_speed else 2.0 * pi * radius_m / self.counts_per_revolution
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
-        """What the frame says; empty when it is bad (counted) or none of the layout's business."""
+        """The readings of the frame; empty if it is bad (counted) or not of this layout."""
 
     def start_frames(self) -> tuple[CanFrame, ...]:
         """Frames to send after each opening of the bus."""
@@ -63,7 +63,7 @@ def side_key(side: Side, name: str) -> str:
 def counts_per_revolution(encoders: Encoders, base: Path) -> float:
     """Counts of one wheel turn. Raises ConfigError where they are not configured."""
     if encoders.counts_per_revolution is None:
-        expected = f"a number, since layout {encoders.layout} counts"
+        expected = f"a number, since layout {encoders.layout} reads counts"
         raise ConfigError(str(base), "encoders.counts_per_revolution", expected, "nothing")
     return encoders.counts_per_revolution
 

@@ -28,7 +28,7 @@ class Odrive(Layout):
         self.counts_per_revolution = encoders.odrive.gear_ratio
         if counts:
             if encoders.odrive.gear_ratio != 1.0:
-                expected, got = "1, since counts_per_revolution has the gear in it", f"{encoders.odrive.gear_ratio:g}"
+                expected, got = "1, since counts_per_revolution includes the gear", f"{encoders.odrive.gear_ratio:g}"
                 raise ConfigError(str(base), "encoders.odrive.gear_ratio", expected, got)
             self.counts_per_revolution = counts_per_revolution(encoders, base)
         self._sides = {(node << 5 | command, False): side for side, node in nodes(encoders, base, 0, 63).items()}

@@ -1,4 +1,4 @@
-"""Left and right readings, each with its own time, into samples of both wheels' travel over the same interval."""
+"""Left and right readings, each with its own time, combined into samples of both wheels' travel over one interval."""
 
 from dataclasses import dataclass
 from math import isfinite, nan

@@ -88,7 +88,7 @@ class EncoderStream:
         return WheelTurns(sample.t_ns, end[1] / left_m, end[2] / right_m, left_rad_s, right_rad_s)
 
     def restart(self) -> None:
-        """Forget replies: the bus was opened again. Counters ran on: whether motion is lost, the gap's length tells."""
+        """Forget replies: the bus was opened again. Counters ran on: the gap's length decides if motion is lost."""
         self._replies.clear()
 
     def start_frames(self) -> tuple[CanFrame, ...]:
@@ -114,7 +114,7 @@ class EncoderStream:
         return self._pairing.add(side, sampled_ns, travel_m, moved=outcome is Outcome.MOVED, told=told)
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
-        """The side's accumulator. Raises ConfigError where even readings without any loss could not be used."""
+        """The side's accumulator. Raises ConfigError where readings could not be used even without any loss."""
         period_s = 1.0 / encoders.rate_hz
         if encoders.gap_s <= period_s:
             got = f"{encoders.gap_s:g}"

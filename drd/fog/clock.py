@@ -1,4 +1,4 @@
-"""When the measuring intervals of a FOG ended, from its packets' arrivals.
+"""End times of a FOG's measuring intervals, from its packets' arrivals.
 
 A FOG sends at its own clock's beat. Counting packets at the nominal rate is wrong by 2 to 3 % (DSP-3000 manual 54-0215
 p. 12; a DSP-1750 gives 989 Hz for nominal 1000), which would be a scale error of every turn. Arrival times are right on
@@ -114,7 +114,7 @@ class SampleClock:
         self._is_stalled = True
 
     def due(self, arrival_ns: int) -> int:
-        """Beats from the newest packet to one that arrives then; 0 while time tells nothing."""
+        """Beats from the newest packet to one that arrives then; 0 while time is not conclusive."""
         if self._origin_ns is None or not self._locked or self._is_stalled:
             return 0
         return round(((arrival_ns - self._origin_ns) * S_PER_NS - self._phase_s) / self.period_s)
@@ -146,7 +146,7 @@ class SampleClock:
         return self._locked and not self._is_stalled and quiet_s > limit_s
 
     def _note_bundle(self, packets: int, arrival_s: float) -> None:
-        """Note how bundles come: how many in a row, and how many packets come after the first part of one."""
+        """Note the pattern of bundles: how many in a row, and how many packets follow the first part of one."""
         if self._synchronised and arrival_s - self._arrival_s < min(TOGETHER_S, TOGETHER_PART * self.period_s):
             self._rest += packets
         else:
@@ -157,7 +157,7 @@ class SampleClock:
 
     @property
     def _is_first_part(self) -> bool:
-        """Whether more of this bundle is to come: its newest packet so far has an age that nothing tells."""
+        """Whether more of this bundle is to come: the age of its newest packet so far is unknown."""
         return not (self._rest or self._is_stalled) and self._habit > 0 and any(self._rests)
 
     @property
@@ -188,12 +188,12 @@ class SampleClock:
         return [step or 1 for step in steps]
 
     def _synchronise(self, arrival_s: float) -> None:
-        """Take the newest packet's arrival for its time."""
+        """Use the newest packet's arrival as its time."""
         self._phase_s, self._phase_var, self._covariance = arrival_s, LATE_S**2, 0.0
         self._synchronised = True
 
     def _forget_evidence(self) -> None:
-        """Collect anew what tells losses and a wrong beat."""
+        """Restart the statistics that reveal losses and a wrong beat."""
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
         self._habit = 0  # bundles in a row before this one; an interval that is no multiple has one with a packet alone
@@ -215,7 +215,7 @@ class SampleClock:
         self._synchronise(arrival_s)
 
     def _observe(self, arrival_s: float, steps: list[int]) -> int:
-        """Hold the newest packet's arrival against the beat; return further beats that passed (loss inferred)."""
+        """Compare the newest packet's arrival with the beat; return further beats that passed (loss inferred)."""
         self._advance(sum(steps))
         if self._modulus is None:
             self._inferred[-1] += sum(steps) - len(steps)  # taken back where the next packets come early
@@ -242,7 +242,7 @@ class SampleClock:
         return further
 
     def _surplus(self, late_s: float, packets: int) -> int:
-        """How many of these packets came twice: no loss is left to take back, and they are whole periods early. With a
+        """Number of packets that came twice: no loss is left to take back, and they are whole periods early. With a
         fast sensor nothing tells, for the ages of its bundles drift by as much.
         """
         most = packets - 1 if self.period_s >= MAX_DELAY_S and self._inferred[-1] == self._counted else 0

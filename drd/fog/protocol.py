@@ -1,4 +1,4 @@
-"""What every FOG protocol offers: bytes in, readings and counters out."""
+"""Interface of all FOG protocols: bytes in, readings and counters out."""
 
 from typing import Protocol
 
@@ -21,4 +21,4 @@ class FogProtocol(Protocol):
         """Take the next bytes; return the readings that they complete."""
 
     def reset(self) -> None:
-        """Forget what was before: the port was opened again."""
+        """Forget the past: the port was opened again."""

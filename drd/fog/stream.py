@@ -95,7 +95,7 @@ class FogStream:
         return beats
 
     def _sample(self, reading: FogReading, stamp: Stamp) -> GyroSample | None:
-        """The reading in the robot's terms; None if it is invalid or over-range."""
+        """The reading in the robot's frame and units; None if it is invalid or over-range."""
         if not reading.valid:
             return None
         interval_s = stamp.interval_s * (stamp.steps if self._spans_losses else 1)
@@ -107,7 +107,7 @@ class FogStream:
         return GyroSample(t_ns, interval_s, self._sign * rate_rad_s, reading.temperature_c)
 
     def _plausible(self, sample: GyroSample) -> list[GyroSample]:
-        """The samples that can be believed now that `sample` is known."""
+        """The samples that are credible now that `sample` is known."""
         released = []
         if self._suspect is not None and self._permits(self._suspect, sample):
             released, self._suspect = [self._suspect, sample], None

@@ -1,4 +1,4 @@
-"""CAN error frames: what the controller says about the bus (linux/can/error.h)."""
+"""CAN error frames: the controller's reports on the bus (linux/can/error.h)."""
 
 from typing import Final
 

@@ -206,7 +206,7 @@ class CanPort(Port):
             self._loop.call_soon_threadsafe(self._lose, reason_of(error))
 
     def _receive(self, bus: can.BusABC, timeout_s: float) -> bool:
-        """Take one frame from the bus; False when there is none. Raises what means that the bus is lost."""
+        """Take one frame from the bus; False when there is none. Raises when the bus is lost."""
         try:
             message = bus.recv(timeout_s)
         except Exception as error:
@@ -285,15 +285,15 @@ class CanPort(Port):
     def _vanished(self) -> str | None:
         self._count_kernel_drops()
         if isinstance(self._bus, SlcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
-            return "silent; perhaps its channel was closed"
+            return "silent; its channel may have been closed"
         # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
         # interface have no index, then as now.
         same = _interface_index(self._device) == self._interface_index
-        return None if same else "the interface was deleted or made anew"
+        return None if same else "the interface was deleted or recreated"
 
 
 def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> dict[str, Any]:
-    """Arguments of can.Bus. No configuration file of python-can is read: ours says everything."""
+    """Arguments of can.Bus. No configuration file of python-can is read: ours is complete."""
     filters = [{"can_id": i, "can_mask": _mask(extended), "extended": extended} for i, extended in can_ids]
     arguments: dict[str, Any] = {"interface": encoders.interface, "channel": encoders.channel, "ignore_config": True}
     arguments["can_filters"] = filters or None

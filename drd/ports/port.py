@@ -108,11 +108,11 @@ class Port(ABC):
 
     @abstractmethod
     def _vanished(self) -> str | None:
-        """Why the open device is no longer the one of that name, where the driver does not tell; asked each second."""
+        """Reason why the open device no longer has that name; asked each second, as drivers do not report it."""
 
 
 def reason_of(error: Exception) -> str:
-    """One phrase for a failure: the system's own where an errno is known, else the library's."""
+    """A phrase for a failure: the system's own where an errno is known, else the library's."""
     for candidate in (error, error.__cause__):
         if isinstance(candidate, OSError) and candidate.errno:
             if candidate.errno == errno.EWOULDBLOCK:  # flock's answer

@@ -56,7 +56,7 @@ class SerialPort(Port):
             self._loop.remove_reader(self._port.fileno())
 
     def read_waiting(self) -> None:
-        """Hand over now what has arrived, and not in a later turn of the loop."""
+        """Deliver what has arrived now, and not in a later turn of the loop."""
         if self._is_open and self._port is not None:
             self._on_readable(self._port)
 
@@ -80,7 +80,7 @@ class SerialPort(Port):
             same = Path(self._device).stat().st_rdev == os.fstat(self._port.fileno()).st_rdev
         except OSError as error:
             return reason_of(error)
-        return None if same else "another device took its name"
+        return None if same else "another device has taken its name"
 
 
 def request_low_latency(port: serial.Serial) -> bool:

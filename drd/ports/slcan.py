@@ -24,7 +24,7 @@ class SlcanBus(slcanBus):
 
     @property
     def has_line(self) -> bool:
-        """Whether `recv` has something to look at without reading."""
+        """Whether `recv` has a line without reading."""
         return END.search(self._buffer) is not None
 
     def _apply_filters(self, filters: Sequence[Any] | None) -> None:

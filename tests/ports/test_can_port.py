@@ -191,7 +191,7 @@ def test_an_interface_that_was_deleted_and_made_anew_is_opened_again(
             await eventually(lambda: len(garage.buses) == 2 and can_record.states[-1] is None)
             garage.buses[1].feed(can_message(5))
             await eventually(lambda: can_record.numbers == [5])
-        assert can_record.states == [None, "lost can0: the interface was deleted or made anew", None]
+        assert can_record.states == [None, "lost can0: the interface was deleted or recreated", None]
 
     monkeypatch.setattr(socket, "if_nametoindex", if_nametoindex)
     asyncio.run(scenario())

@@ -104,7 +104,7 @@ def test_a_link_that_moves_to_another_device_without_a_hang_up_is_followed(
             await eventually(lambda: len(record.states) == 3)
             second.write(b"after")
             await eventually(lambda: record.data == b"after")
-        assert record.states == [None, f"lost {link}: another device took its name", None]
+        assert record.states == [None, f"lost {link}: another device has taken its name", None]
 
     asyncio.run(scenario())
 
