@@ -127,7 +127,7 @@ def test_a_query_prints_tables(store: Path, capsys: pytest.CaptureFixture[str]) 
     ("arguments", "said"),
     [
         (["missing"], "a store of `drd fleet update`"),
-        (["{store}", "--sql", "select nothing"], "a query that gives a table"),
+        (["{store}", "--sql", "select nothing"], "a query that returns a table"),
         (["{store}", "pose", "--effect", "x"], "pose has no column effect"),
         (["{store}", "pose", "--sql", "select 1"], "names its tables"),
     ],

@@ -8,9 +8,9 @@ from drd.commands import hand_over
 ACTIONS: Final = {
     "update": ("drd_tools.fleet.update_command", "analyse the recordings that are new or have changed"),
     "query": ("drd_tools.fleet.query_command", "tables of the store, filtered or by SQL"),
-    "report": ("drd_tools.fleet.report_command", "one page: what changed, since when, whose fault, what to inspect"),
-    "prior": ("drd_tools.fleet.prior_command", "a robot's model.yaml, from its own history and the fleet's"),
-    "simulate": ("drd_tools.fleet.simulate_command", "a fleet whose history is known"),
+    "report": ("drd_tools.fleet.report_command", "one page: what changed, since when, the cause, what to inspect"),
+    "prior": ("drd_tools.fleet.prior_command", "model.yaml of a robot, from its own history and the fleet's"),
+    "simulate": ("drd_tools.fleet.simulate_command", "simulate a fleet with a known history"),
 }
 
 

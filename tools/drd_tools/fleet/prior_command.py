@@ -28,11 +28,11 @@ examples:
   drd fleet prior fleet --robot 7 --before 2026-06-01 --output robot7/model.yaml      (as if it were that day)
   drd replay friday/ --model robot7/model.yaml --config robot7/prior.yaml --output poses.csv
 
-  drd fleet prior fleet --robot warthog --check recordings/warthog_*            (is it worth anything?)
+  drd fleet prior fleet --robot warthog --check recordings/warthog_*            (does the prior help?)
 
 --check shows the position error of the first 60 and 120 s of recordings, with robot.yaml alone and with a prior of the
-recordings that began before each of them; nothing is written. A robot that the store does not know gets the
-population's mean, and its scatter.
+recordings that began before each of them; nothing is written. A robot that is not in the store gets the
+population's mean and scatter.
 
 Exit code: 0 done, 2 bad usage or input.
 """
@@ -44,10 +44,10 @@ def main(argv: list[str]) -> int:
     add = parser.add_argument
     add("store", metavar="STORE", help="folder or bucket that drd fleet update has filled")
     add("--robot", required=True, metavar="ID", help="whose")
-    add("--place", metavar="NAME", help="where it is going to drive (default: any)")
+    add("--place", metavar="NAME", help="place of the next drives (default: any)")
     add("--before", type=datetime.fromisoformat, metavar="DATE", help="only recordings before (default: all)")
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--output", type=Path, metavar="model.yaml", help="file; prior.yaml is written beside it")
+    what.add_argument("--output", type=Path, metavar="model.yaml", help="file; prior.yaml is written next to it")
     what.add_argument("--check", type=Path, nargs="+", metavar="RECORDING", help="folders of the store's recordings")
     chosen = parser.parse_args(argv)
     if chosen.output is not None and chosen.output.name != "model.yaml":
@@ -82,7 +82,7 @@ def _check(folders: Sequence[Path], table: Table, done: Rows, robot: str, place:
         day = day_of(starts[name])
         earlier = _before(table, day)
         if robot not in earlier["robot"]:
-            print(f"{name}: nothing of {robot} is known before")
+            print(f"{name}: no earlier recording of {robot}")
             continue
         without, with_it = compare(folder, expect(analyse(earlier, done), robot, day, place), robot)
         rows.append([name, *(f"{e.position_m:.3f}" for pair in zip(without, with_it, strict=True) for e in pair)])

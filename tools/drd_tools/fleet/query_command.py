@@ -25,7 +25,7 @@ EXAMPLES = f"""\
 tables: {", ".join(NAMES)}
 
 examples:
-  drd fleet query fleet                                            which tables there are, and their rows
+  drd fleet query fleet                                            the tables and their numbers of rows
   drd fleet query fleet findings --robot 7 --effect wheel_radius_error
   drd fleet query fleet constants --robot 7 --csv > constants.csv
   drd fleet query fleet --sql "select robot, count(*) from findings where status = 'confirmed' group by robot"
@@ -40,12 +40,12 @@ def main(argv: list[str]) -> int:
     add = parser.add_argument
     add("store", metavar="STORE", help="folder or bucket of the tables")
     add("table", nargs="?", choices=NAMES, metavar="TABLE", help="one of the tables below")
-    add("--robot", action="append", metavar="ID", help="rows of this robot; may be given again")
+    add("--robot", action="append", metavar="ID", help="rows of this robot; may be repeated")
     add("--effect", metavar="NAME", help="rows of this effect (findings, products)")
     add("--sql", metavar="QUERY", help="a query over all tables")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--csv", action="store_true", help="as CSV")
-    form.add_argument("--json", action="store_true", help="a line of JSON for each row")
+    form.add_argument("--csv", action="store_true", help="print CSV")
+    form.add_argument("--json", action="store_true", help="print a line of JSON for each row")
     chosen = parser.parse_args(argv)
     store = existing(chosen.store)
     if chosen.sql is not None:
@@ -72,7 +72,7 @@ def _by_sql(store: Store, query: str, robots: list[str] | None) -> pa.Table:
         try:
             return connection.sql(query).to_arrow_table()
         except (duckdb.Error, AttributeError) as error:
-            raise ConfigError("--sql", "", "a query that gives a table", str(error)) from error
+            raise ConfigError("--sql", "", "a query that returns a table", str(error)) from error
 
 
 def _print(table: pa.Table, form: str) -> None:

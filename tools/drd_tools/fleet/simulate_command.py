@@ -27,14 +27,14 @@ MISSIONS: Final = ("warehouse", "field", "eights")
 SECONDS: Final = 120.0
 LOADS: Final = 4  # recordings that a process is handed at once
 DESCRIPTION = """\
-Make a fleet with a known history: slow leaks, tyres that change at once or are swapped, gyros that are exchanged, a
-floor that is another, one that is laid anew, a batch of gyros that is apart and one that ages, seasons, wear,
-maintenance that changes nothing, and recordings that went wrong. Each robot drives on nine of ten days.
+Simulate a fleet with a known history: slow leaks, tyres that change suddenly or are swapped, replaced gyros, a floor
+that differs, one that is relaid, a gyro batch that deviates and one that ages, seasons, wear, maintenance without
+effect, and faulty recordings. Each robot drives on nine of ten days.
 
-The folder written holds
+The output folder holds
   recordings/ROBOT/TIME_PLACE/     recordings as drd simulate writes them, of two minutes (with --summaries: none)
   robots.yaml, maintenance.csv     for drd fleet update
-  truth.json                       all that happened, and the true constants of each recording
+  truth.json                       all events, and the true constants of each recording
   store/                           with --summaries: a store with the constants that a diagnosis would have found
 """
 EXAMPLES = """\
@@ -45,8 +45,8 @@ examples:
   drd fleet update out/small/recordings --store out/small/store --robots out/small/robots.yaml \\
       --maintenance out/small/maintenance.csv
 
---summaries draws the constants of each recording instead of driving it: their sigma is the one that the wheels'
-calibrator leaves after two minutes (see fleet/histories.py), with a scatter of 20 %, errors of one sigma with heavy
+--summaries draws the constants of each recording instead of simulating it: their sigma is that of the wheels'
+calibrator after two minutes (see fleet/histories.py), with a scatter of 20 %, errors of one sigma with heavy
 tails, and one recording in a hundred that is off by 5 to 15 sigma.
 
 Exit code: 0 done, 2 bad usage or input.
@@ -59,9 +59,9 @@ def main(argv: list[str]) -> int:
     add: Any = parser.add_argument
     add("--robots", type=whole(1), default=40, metavar="N", help="robots (default 40)")
     add("--days", type=whole(1), default=90, metavar="N", help="days (default 90)")
-    add("--seed", type=whole(0), default=0, metavar="N", help="another history (default 0)")
-    add("--seconds", type=number(30.0, 3600.0), default=SECONDS, metavar="S", help="of a recording (default 120)")
-    add("--summaries", action="store_true", help="only the constants of each recording, drawn at once")
+    add("--seed", type=whole(0), default=0, metavar="N", help="seed of the history (default 0)")
+    add("--seconds", type=number(30.0, 3600.0), default=SECONDS, metavar="S", help="of each recording (default 120)")
+    add("--summaries", action="store_true", help="only the constants of each recording, drawn directly")
     add("--jobs", type=whole(1), default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, required=True, metavar="DIR", help="folder for the fleet")
     chosen = parser.parse_args(argv)

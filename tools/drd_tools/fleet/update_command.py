@@ -13,8 +13,8 @@ Find the recordings below FOLDERS, diagnose those that are new, have changed, or
 and keep the results in STORE: Parquet tables that pandas, Polars and DuckDB can read directly.
 
 A recording is a folder with encoders.csv or fog.csv, or a run of the daemon (FILE.mcap). FOLDERS and STORE may be
-buckets (s3://bucket/prefix; the environment has the credentials and, as AWS_ENDPOINT_URL, another server). An update
-that was stopped goes on where it was; a recording that fails is listed and stops nothing.
+buckets (s3://bucket/prefix; credentials and, as AWS_ENDPOINT_URL, another server are read from the environment). An
+update that was stopped resumes where it was; a recording that fails is listed and does not stop the update.
 """
 EXAMPLES = """\
 examples:
@@ -22,9 +22,9 @@ examples:
   drd fleet update s3://robots/2026 --store s3://robots/fleet --scheduler tcp://10.0.0.5:8786
   drd fleet query fleet findings --robot 7
 
-robots.yaml: rules, of which all that match are applied, a later one over an earlier; patterns of a shell, on the path
-below FOLDERS. What a recording itself tells (fleet.yaml in its folder, or FILE.fleet.yaml beside FILE.mcap, with robot,
-place, batch and start; robot.yaml's name; the start in a daemon's file) holds where no rule says otherwise.
+robots.yaml: rules, of which all that match are applied, later ones overriding earlier ones; shell patterns, on the path
+below FOLDERS. Labels of a recording itself (fleet.yaml in its folder, or FILE.fleet.yaml beside FILE.mcap, with robot,
+place, batch and start; robot.yaml's name; the start in a daemon's file) apply where no rule overrides them.
   - recordings: ["warthog_*"]
     robot: warthog-1
     batch: MEMS 2023                        # of its gyro
@@ -42,13 +42,13 @@ def main(argv: list[str]) -> int:
     """Run the command. Raises ConfigError on bad input."""
     parser = command("drd fleet update", DESCRIPTION, EXAMPLES)
     add, cores = parser.add_argument, os.cpu_count() or 1
-    add("folders", nargs="+", metavar="FOLDERS", help="where recordings are, at any depth")
+    add("folders", nargs="+", metavar="FOLDERS", help="folders with recordings, at any depth")
     add("--store", required=True, metavar="STORE", help="folder or bucket of the tables")
-    add("--robots", metavar="ROBOTS.yaml", help="which recordings are whose, and where they were made")
-    add("--maintenance", metavar="LOG.csv", help="what was done to the robots, and when")
+    add("--robots", metavar="ROBOTS.yaml", help="robot and place of the recordings")
+    add("--maintenance", metavar="LOG.csv", help="maintenance of the robots, with dates")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=whole(1), default=cores, metavar="N", help=f"processes (default: {cores})")
-    where.add_argument("--scheduler", metavar="ADDRESS", help="hand the work to a running Dask cluster")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="use a running Dask cluster")
     where.add_argument("--cluster", type=whole(1), metavar="N", help="start a Dask cluster of N workers here")
     chosen = parser.parse_args(argv)
     rules = read_rules(chosen.robots)

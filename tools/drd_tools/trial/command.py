@@ -22,41 +22,41 @@ from drd_tools.trial.workers import completed
 NULLS_TIMES = 4  # nulls of each kind, for each case of an effect
 
 DESCRIPTION = """\
-Run the diagnosis blind on recordings whose answer is known, and score it: share of recordings in which nothing is
-missing and something is reported, names right first and as a set, names wrong even as a class, unknown physics flagged
-and misnamed, overlap of windows, truth within the 90 % intervals, and what the correction is worth on another drive of
-the same robot beside an oracle that knows the truth; with 95 % Wilson intervals, and beside sparse regressions of the
-same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]') and, with
---sbmi N, a classifier that has learned from N drives of the same kinds, a second each, which effects are there.
+Run the diagnosis blind on recordings with known answers and score it: share of recordings in which nothing is missing
+and something is reported, names correct first and as a set, names wrong even as a class, unknown physics flagged and
+misnamed, overlap of windows, truth within the 90 % intervals, and the benefit of the correction on another drive of the
+same robot compared with an oracle that knows the truth; with 95 % Wilson intervals, and next to sparse regressions of
+the same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]') and, with
+--sbmi N, a classifier trained on N drives of the same kinds, a second each, to detect which effects are present.
 
 Cases are drawn by seed, each from its name and the seed alone:
-  null-plain-*, null-stressed-*    nothing is missing; stressed: noise 30 % off its sheets, heavy tails, reference late,
-                                   off the centre and askew
+  null-plain-*, null-stressed-*    nothing is missing; stressed: noise 30 % off its datasheets, heavy tails, reference
+                                   late, off the centre and rotated
   EFFECT-d8-*, -d12-*, -d20-*      one effect of the catalogue, of that detectability; EFFECT-event-*: one that
                                    destroys readings
   pair-*, triple-*                 two and three effects, each with d = 20
   unknown_*-d20-*                  physics that is in no catalogue
-  null-KIND-*, any-KIND-*          nothing, or any effect with d = 20; KIND: sparse (a pose a minute), ends (at the
-                                   two ends only), none (no reference), contacts (the MuJoCo world)
+  null-KIND-*, any-KIND-*          nothing, or any effect with d = 20; KIND: sparse (a pose a minute), ends (at both
+                                   ends only), none (no reference), contacts (the MuJoCo world)
 --folder adds recordings with answers.json.
 
---plant takes real drives instead: each effect of the catalogue is planted in their raw data with d = 12 and 25, as the
-diagnosis of that drive weighs its noise, and diagnosed; what is reported is judged upon what is reported of the drive
-as it is: named first, in its class, its size within 3 sigma, its window, the 90 % intervals, and names besides.
+--plant uses real drives instead: each effect of the catalogue is planted in their raw data with d = 12 and 25, by the
+noise weighting of that drive's diagnosis, and diagnosed; the findings are scored relative to those of the unmodified
+drive: named first, in its class, size within 3 sigma, window, the 90 % intervals, and other names.
 
---distances simulates the drives that `drd diagnose` advises instead, 3 minutes each, and tells how far each sets each
-effect, seen with d = 12, apart from each of the others: distances.csv and .json, and heat maps in distances.html.
+--distances instead simulates the drives that `drd diagnose` advises, 3 minutes each, and reports how well each of them
+separates each effect, with d = 12, from each other one: distances.csv and .json, and heat maps in distances.html.
 
---live takes the monitor (drd/monitor) instead: drives of 8 minutes without a reference on which an effect begins in
+--live tests the monitor (drd/monitor) instead: drives of 8 minutes without a reference on which an effect begins in
 mid-run with d = 8, 12 and 25 per 100 m, N of each, and four times as many with nothing missing, with stressed noise, on
-asphalt, and on ground that changes; scored are the right class within 60 s or 100 m, its onset, and false names.
+asphalt, and on ground that changes; scored are the correct class within 60 s or 100 m, its onset, and false names.
 
---fleet takes the statistics of a fleet (drd fleet) instead: N fleets of 40 robots and 90 days as drd fleet simulate
---summaries makes them, analysed evening by evening; scored are changes found, when, how well dated and of whom, and
-what is not there.
+--fleet tests the statistics of a fleet (drd fleet) instead: N fleets of 40 robots and 90 days as made by drd fleet
+simulate --summaries, analysed evening by evening; scored are detected changes, their delay, date and robot, and false
+detections.
 
-A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
-diagnosis are moved aside, to results.old.jsonl.
+Each case is saved when it is complete: the same command resumes where it was stopped. Results of another build of the
+diagnosis are moved to results.old.jsonl.
 """
 EXAMPLES = f"""\
 examples:
@@ -65,7 +65,7 @@ examples:
   {PROGRAM} --large --seed 7 --output out/large                   (an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
-  {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)
+  {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre separates; a minute)
   {PROGRAM} --live 1 --output out/live                            (the monitor; five minutes)
   {PROGRAM} --fleet 5 --output out/fleets                         (the fleet's statistics; a minute each)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
@@ -87,14 +87,14 @@ def main(argv: list[str]) -> int:
     if chosen.live or chosen.fleet:
         option, run = ("--live", _live) if chosen.live else ("--fleet", _fleet)
         if drawn or instead:
-            parser.error(f"{option} goes without --each, --large, --folder, --plant and --distances")
+            parser.error(f"{option} cannot be combined with --each, --large, --folder, --plant or --distances")
         with writing(chosen.output):
             run(chosen)
         return 0
     if not (drawn or instead):
         parser.error("give --each N, --large, --folder DIR, --plant DIR, --distances, --live N or --fleet N")
     if instead and (drawn or (chosen.plant and chosen.distances)):
-        parser.error("--plant and --distances go alone, without --each, --large and --folder")
+        parser.error("--plant and --distances cannot be combined with each other, --each, --large or --folder")
     if chosen.distances:
         return _distances(chosen)
     with writing(chosen.output):
@@ -257,25 +257,25 @@ def _parser() -> argparse.ArgumentParser:
     many: Any = size.add_argument
     many("--each", type=whole(0), default=0, metavar="N", help="N cases of each kind, effect and detectability")
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
-    add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
-    add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
-    add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
-    add("--live", type=whole(0), default=0, metavar="N", help="N cases of each effect and d for the monitor, instead")
+    add("--folder", type=Path, metavar="DIR", help="add recordings with answers.json")
+    add("--plant", type=Path, metavar="RECORDINGS", help="instead: plant effects in the real drives of this folder")
+    add("--distances", action="store_true", help="instead: how well each manoeuvre separates the effects")
+    add("--live", type=whole(0), default=0, metavar="N", help="instead: N cases of each effect and d for the monitor")
     add("--remembers", action="store_true", help="with --live: the monitor begins with a memory of earlier drives")
-    add("--fleet", type=whole(0), default=0, metavar="N", help="N fleets for the fleet's statistics, instead")
-    add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
-    add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
-    add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
+    add("--fleet", type=whole(0), default=0, metavar="N", help="instead: N fleets for the fleet's statistics")
+    add("--glob", default="*", metavar="PATTERN", help="with --plant: only drives whose names match")
+    add("--seed", type=whole(0), default=0, metavar="S", help="seed of the cases (default 0)")
+    add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="each drive (4 10)")
     add("--reference", default="full", metavar="WHEN",
-        help="full (default), sparse:SECONDS, ends or none, where the kind does not say")  # fmt: skip
+        help="full (default), sparse:SECONDS, ends or none, if the kind does not state it")  # fmt: skip
     add("--only", nargs="+", default=["*"], metavar="PATTERN", help="only cases whose names match one of these")
-    add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
-    add("--sbmi", type=whole(0), default=0, metavar="N", help="beside SBMI, too, learned from N simulated drives (400)")
+    add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis, without other methods")
+    add("--sbmi", type=whole(0), default=0, metavar="N", help="also SBMI, trained on N simulated drives (e.g. 400)")
     add("--jobs", type=whole(1), default=2, metavar="N", help="processes (default 2)")
-    add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")
+    add("--quote", type=Path, metavar="FILE", help="insert the short table between the marks in FILE")
     add = parser.add_mutually_exclusive_group(required=True).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
-    add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
+    add("--draw", type=Path, metavar="DIR", help="only print and draw the results in this folder")
     return parser
 
 
