@@ -87,7 +87,7 @@ def test_the_report_is_one_page_with_the_papers_figures(table: Path, tmp_path: P
         "Figure 2",
         "Figure 3",
         "b_21",
-        "Order 2,1 was asked for",
+        "Order 2,1 was requested and written",
         "condition number",
         "times better",
     ):

@@ -96,7 +96,7 @@ def test_warm_up_is_left_out_and_the_wait_is_said() -> None:
 def test_skip_takes_the_place_of_the_warm_up() -> None:
     result = quick(static_log(600.0), 120.0)
     assert result.left_out_s == pytest.approx(120.0)
-    assert "as asked with --skip" in " ".join(sentences(result))
+    assert "as requested with --skip" in " ".join(sentences(result))
 
 
 @pytest.mark.parametrize(

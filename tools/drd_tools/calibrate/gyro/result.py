@@ -58,7 +58,7 @@ class GyroResult:
         ]
         if (still := self.evaluation.without_static_bias()) is not None:
             lines.append(
-                "The daemon measures the static bias at each start anyway. With it taken off both, the rms error "
+                "The daemon measures the static bias at each start anyway. With it subtracted from both, the rms error "
                 f"falls from {still[0]:.3g} to {still[1]:.3g} deg/s, {still[0] / max(still[1], 1e-300):.3g} times."
             )
         lines.append(f"It holds for readings from {slow:.4g} to {fast:.4g} deg/s at {cold:.3g} to {warm:.3g} degC.")
@@ -68,7 +68,7 @@ class GyroResult:
         """Sentences on why this order was chosen."""
         lines = [self.why]
         if self.forced and self.order != self.recommended.order:
-            lines.append(f"Order {self.order} was asked for and is what was written.")
+            lines.append(f"Order {self.order} was requested and written.")
         return [line for line in (*lines, beyond_the_file(self.candidates, self.chosen)) if line]
 
     def notes(self) -> list[str]:
@@ -83,7 +83,7 @@ class GyroResult:
         ]
         if self.fitted.between_deg_s > MUCH * noise:
             lines.append(
-                f"The fit leaves {self.fitted.between_deg_s:.2g} deg/s between data sets, their noise explains "
+                f"The residual is {self.fitted.between_deg_s:.2g} deg/s between data sets, of which noise explains "
                 f"{noise:.1g} deg/s: the rest is the polynomial's form, a lag of the thermometer, or the table."
             )
         if self.order.temperature == 0:

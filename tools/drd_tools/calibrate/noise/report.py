@@ -91,7 +91,7 @@ def noise_page(file: Path, result: GyroNoise, allan_png: Path, warm_up_png: Path
     )
     page.picture(
         allan_png,
-        "Allan deviation: how much the mean over an averaging time differs from that over the next. The dotted line "
+        "Allan deviation: the difference between the means over consecutive averaging times. The dotted line "
         "is what the filter will assume.",
     )
     page.heading("Warm-up")

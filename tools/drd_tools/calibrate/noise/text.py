@@ -60,7 +60,7 @@ def sentences(result: GyroNoise) -> list[str]:
 def _left_out(result: GyroNoise) -> str:
     if not result.left_out_s:
         return ""
-    why = "as asked with --skip" if result.skipped_by_user else "as warm-up"
+    why = "as requested with --skip" if result.skipped_by_user else "as warm-up"
     return f"The first {duration(result.left_out_s)} were left out, {why}."
 
 
@@ -69,14 +69,14 @@ def _filtered(result: GyroNoise) -> str:
         return ""
     return (
         f"Averaging times below {duration(float(result.curve.tau_s[0]))} were left out: neighbouring readings are "
-        "alike, as a filter in the gyro makes them, and would show too little angle random walk."
+        "correlated, as by a filter in the gyro, and would show too little angle random walk."
     )
 
 
 def _warm_up(result: GyroNoise) -> list[str]:
     warm_up, slope, said = result.warm_up, result.slope, []
     if warm_up is None:
-        said.append("No warm-up is to be seen: the log did not begin at power-on, or noise hides it.")
+        said.append("No warm-up is visible: the log did not begin at power-on, or noise hides it.")
     else:
         said.append(
             f"Warm-up: the bias began {warm_up.change_rad_s * DEG_H:+.3g} deg/h off and settled with a time constant "
@@ -85,15 +85,13 @@ def _warm_up(result: GyroNoise) -> list[str]:
             "minutes."
         )
         if result.wait_s > result.whole.duration_s:
-            said.append(
-                "That is longer than the log, so the time is carried forward from the fit: record a longer one."
-            )
+            said.append("That is longer than the log, so the time is extrapolated from the fit: record a longer one.")
     if slope is not None:
         low, high = slope.range_c
         said.append(
             f"From {low:.1f} to {high:.1f} degC the bias changed with the temperature by "
             f"{slope.rad_s_per_c * DEG_H:+.3g} deg/h per degC (standard error {_two(slope.sigma_rad_s_per_c * DEG_H)}, "
-            f"correlation {slope.correlation:+.2f}). In a warm-up, one log cannot part temperature from time."
+            f"correlation {slope.correlation:+.2f}). In a warm-up, one log cannot separate temperature from time."
         )
     elif result.whole.temperature_c is None:
         said.append("The log has no temperature.")
@@ -123,12 +121,12 @@ def _doubts(result: GyroNoise) -> list[str]:
         tau_s, ratio = miss
         said.append(
             f"The model misses the curve: at {tau_s:.3g} s the measured deviation is {ratio:.2g} times the model's. "
-            "Vibration, a filter in the gyro or a periodic disturbance does that; look at the picture."
+            "Vibration, a filter in the gyro or a periodic disturbance causes that; see the figure."
         )
     same = float(np.mean(np.diff(result.log.rate_rad_s) == 0.0))
     if same > 1.0 - COARSE_PART:
         said.append(
-            f"{same:.0%} of the readings repeat the one before: the numbers are too coarse for the noise, and the "
+            f"{same:.0%} of the readings repeat the previous one: the numbers are too coarse for the noise, and the "
             "angle random walk is doubtful."
         )
     if result.filter.angle_random_walk / RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H < BEST_DEG_PER_SQRT_H:
@@ -144,13 +142,13 @@ def random_walk_reason(result: GyroNoise) -> str:
     if chosen.origin is Origin.MEASURED:
         return (
             f"{start}fitted without flicker (90 % interval {walk.low / unit:.3g} to {walk.high / unit:.3g}): the "
-            f"filter has no state for flicker, so its random walk stands for all that is slow.{_excess(result)}"
+            f"filter has no state for flicker, so its random walk represents all slow terms.{_excess(result)}"
         )
     if chosen.origin is Origin.BOUND:
-        return f"{start}an upper bound: the log shows none, and 0 would make the filter too sure of the bias."
+        return f"{start}an upper bound: the log shows none, and 0 would make the filter overconfident of the bias."
     return (
-        f"{start}the default: the log only says that it is below {walk.high / unit:.3g}, so it is too short. Take the "
-        "data sheet's figure if there is one."
+        f"{start}the default: the log only shows that it is below {walk.high / unit:.3g}, so it is too short. Use "
+        "the datasheet's figure if there is one."
     )
 
 
@@ -158,7 +156,7 @@ def _excess(result: GyroNoise) -> str:
     """Sentence on how far the filter's profile lies above the model at long averaging times, if that is much."""
     n, k, tau_s = result.filter.angle_random_walk, result.filter.rate_random_walk, result.curve.tau_s[-1]
     ratio = math.sqrt((n**2 / tau_s + k**2 * tau_s / 3.0) / float(result.fit.variance[-1]))  # (49)
-    return f" At {duration(tau_s)} that is {ratio:.2g} times what was measured: on the safe side." if ratio > 2 else ""
+    return f" At {duration(tau_s)} that is {ratio:.2g} times the measured value: conservative." if ratio > 2 else ""
 
 
 def snippet(result: GyroNoise) -> str:
@@ -167,9 +165,9 @@ def snippet(result: GyroNoise) -> str:
     k_si = RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     walk = result.filter.random_walk
     k_comment = {
-        Origin.MEASURED: f"stands for flicker too; {_interval_text(walk, k_si)}",
+        Origin.MEASURED: f"represents flicker too; {_interval_text(walk, k_si)}",
         Origin.BOUND: "upper bound (95 %): not visible in this log",
-        Origin.DEFAULT: f"the default; this log only says: at most {_plain(walk.high / k_si)}",
+        Origin.DEFAULT: f"the default; this log only shows: at most {_plain(walk.high / k_si)}",
     }[result.filter.origin]
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     log, bias = result.log, result.bias_rad_s * DEG_PER_RAD
@@ -186,9 +184,9 @@ estimation:
     gyro_deg_per_sqrt_h: {_plain(result.filter.angle_random_walk / si)}
     # Rate random walk; {k_comment}.
     gyro_bias_deg_h_per_sqrt_h: {_plain(result.filter.rate_random_walk / k_si)}
-    # gyro_bias_repeatability_deg_s: one log cannot tell; it is the scatter of the bias over several power-ons.
+    # gyro_bias_repeatability_deg_s: not determined by one log; it is the scatter of the bias over several power-ons.
   initial:
-    # What the filter is off by where no standstill was measured; the Earth's rate is in it.
+    # Standard deviation of the bias if no standstill was measured; it includes the Earth's rate.
     # Bias in this log {bias:+.6f} deg/s, known to {_two(result.bias_sigma_rad_s * DEG_PER_RAD)}{_first(result)}.
     gyro_bias_deg_s: {_plain(result.start_sigma_rad_s * DEG_PER_RAD)}
 """
