@@ -86,7 +86,7 @@ def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, f
             if felt.axis != best:
                 text = (
                     f"the {other} say the vertical axis is {names[best]} (correlation {told}), gravity says "
-                    f"{names[felt.axis]}: look at both by hand"
+                    f"{names[felt.axis]}: check both by hand"
                 )
                 return Finding("axis", UNKNOWN, text, numbers)
             text += f"; gravity agrees ({_felt(felt, names)})"
@@ -95,7 +95,7 @@ def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, f
         numbers |= {"gravity_axis": float(felt.axis), "tilt_deg": felt.tilt_rad * DEG_PER_RAD}
         text = f"the vertical axis is {names[felt.axis]}, by gravity alone: {_felt(felt, names)}"
         return Finding("axis", OK, text, numbers, {"axis": names[felt.axis]})
-    why = f"no axis goes clearly with the {other} (correlation {told})" if numbers else "nothing to compare with"
+    why = f"no axis correlates clearly with the {other} (correlation {told})" if numbers else "nothing to compare with"
     return Finding("axis", UNKNOWN, why, numbers)
 
 

@@ -56,7 +56,7 @@ def check_sign(seen: Witnesses) -> Finding:
             return Finding("sign", OK, f"counter-clockwise is positive: {told}{doubt}", numbers)
         if is_sure:
             return Finding("sign", WRONG, f"clockwise is positive: {told}", numbers, TURN_ROUND)
-        text = f"gyro and wheels turn against each other ({told}): the gyro's sign, or left and right swapped"
+        text = f"gyro and wheels turn in opposite directions ({told}): the gyro's sign, or left and right swapped"
         return Finding("sign", UNKNOWN, text, numbers)
     return _disputed(votes, told, numbers)
 
@@ -65,7 +65,7 @@ def _disputed(votes: list[tuple[int, str]], told: str, numbers: dict[str, float]
     """The witnesses differ: the reference and gravity know, the wheels may themselves be wrong."""
     sure = {sign for sign, text in votes if "wheels" not in text}
     if len(sure) > 1:
-        return Finding("sign", UNKNOWN, f"the witnesses differ, look at both by hand: {told}", numbers)
+        return Finding("sign", UNKNOWN, f"the evidence is contradictory, check both by hand: {told}", numbers)
     sign = sure.pop()
     verdict, words = (OK, "counter-clockwise") if sign > 0 else (WRONG, "clockwise")
     text = f"{words} is positive, and the wheels turn the wrong way: {told}"

@@ -39,7 +39,7 @@ def summary(
             mark = "fixed"
         lines += _entry(f"  {mark:5}  {finding.check:{width}}  ", finding.text)
     if not findings:
-        lines.append("  none: a single stream has nothing to be compared with")
+        lines.append("  none: a single stream cannot be compared with anything")
     lines += [
         "",
         *_entry(
@@ -70,10 +70,10 @@ def _advice(
     if options:
         lines += [
             "",
-            *_entry("", f"Not set right, since the options did not ask for it: {' '.join(dict.fromkeys(options))}"),
+            *_entry("", f"Not corrected, as the options did not request it: {' '.join(dict.fromkeys(options))}"),
         ]
     if "wheels" in origins and stands_s >= LEAST_STANDSTILL_S and "standstill" not in applied:
-        text = f"No wheel moves for the first {stands_s:.1f} s; --standstill says how long the bias may be measured."
+        text = f"No wheel moves for the first {stands_s:.1f} s; --standstill states how long the bias may be measured."
         lines += ["", *_entry("", text)]
     if "wheels" not in origins:
         text = "Without wheels it is no recording that `drd replay` reads; fog.csv is a log for `drd calibrate noise`."
