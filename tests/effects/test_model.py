@@ -86,7 +86,7 @@ def effect(name: str, parameters: str, more: str = "") -> str:
         ("effects: [{effect: [1]}]", r":1: effects\[0\].effect: .*got a list"),
         (effect("gyro_scale_error", "{kk: 1}"), r":4: effects\[0\].parameters.kk: expected one of k, got an unk"),
         (effect("gyro_scale_error", "{}"), r"effects\[0\].parameters.k: expected a number in 1 from .*, got nothing"),
-        (effect("gyro_scale_error", "{k: 1, k: 2}"), r"parameters.k: expected each key once, got a second one"),
+        (effect("gyro_scale_error", "{k: 1, k: 2}"), r"parameters.k: expected each key once, got a duplicate"),
         (effect("gyro_scale_error", "{k: .nan}"), r":4: effects\[0\].parameters.k: .*got '.nan'"),
         (effect("gyro_scale_error", "{k: .inf}"), r"parameters.k: expected a number .*got '.inf'"),
         (effect("gyro_scale_error", "{k: 1e300}"), r"parameters.k: expected a number in 1 from -5 to 5, got '1e300'"),
@@ -264,7 +264,7 @@ def test_the_health_says_where_the_model_ends_and_does_not_flap() -> None:
     e = estimator({**SCALE, "seen": {"yaw_rate": [-10.0, 10.0]}})
     poses = feed(e, drive(30))  # a slalom of 23 deg/s
     texts = {r.text for p in poses for r in p.reasons if r.source == "model"}
-    assert texts == {"outside the range in which the model's effects were seen"}
+    assert texts == {"outside the range in which the model's effects were observed"}
     changes = [bool(a.reasons) != bool(b.reasons) for a, b in pairwise(poses)]
     assert sum(changes) == 1
     assert poses[-1].validity is Validity.DEGRADED

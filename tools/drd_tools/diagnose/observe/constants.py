@@ -31,7 +31,7 @@ from drd_tools.recordings.folder import Recording
 NO_LIMIT: Final = np.full(3, np.inf)
 MOST_UNEQUAL: Final = 1.5  # radii: what a calibration makes of a counter that stopped in a drive of 30 cm
 CERTAIN: Final = Calibrated(0.0, 0.0, 0.0, gyro_clock=0.0)  # deviations
-WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
+WIDER: Final = 2.0  # than its sigma a constant may be off where the calibrator takes an effect for it
 
 
 @dataclass(frozen=True)
@@ -174,15 +174,12 @@ def observe(recording: Recording) -> tuple[Constants, Audit]:
 def _observed(recording: Recording) -> tuple[Constants, Audit]:
     measured = constants(recording)
     audited = _audited(measured)
-    if _has_stopped(audited):
-        measured = _repaired(recording, measured, audited)
-        return measured, _audited(measured)
     # A counter that stopped where a robot drives one circle only passes for another tread, of which it did not stop.
-    believed = _audited(replace(measured, robot=NOMINAL))
-    if _has_stopped(believed):
-        again = _repaired(recording, measured, believed)
-        if _has_stopped(anew := _audited(again)):
-            return again, anew
+    for believed in (audited, _audited(replace(measured, robot=NOMINAL))):
+        if _has_stopped(believed):
+            again = _repaired(recording, measured, believed)
+            if _has_stopped(anew := _audited(again)):
+                return again, anew
     return measured, audited
 
 
