@@ -1,7 +1,6 @@
 """Real-time dead reckoning for wheeled robots: gyro and wheel encoders in, pose with its uncertainty out.
 
-`run_filter` estimates from arrays, `Estimator` from samples as they come; both need no more than numpy, PyYAML and
-msgspec.
+`run_filter` estimates from arrays, `Estimator` from samples as they arrive; both need only numpy, PyYAML and msgspec.
 """
 
 import importlib
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = ["ConfigError", "Estimator", "GyroSample", "Pose", "Poses", "Robot", "WheelSample", "run_filter"]
 
-# Loaded when they are asked for: a command or a module of drd does not wait for what it does not use.
+# Imported on first use, so that no command waits for modules that it does not need.
 HOMES: Final = {
     "ConfigError": "drd.config.schema",
     "Estimator": "drd.estimation.estimator",

@@ -19,7 +19,7 @@ class Command:
 
     module: str
     summary: str
-    extra: str = ""  # what an installation needs for it beyond the daemon
+    extra: str = ""  # optional dependencies that it needs
 
 
 COMMANDS = {
@@ -49,7 +49,7 @@ COMMANDS = {
 
 
 class _Formatter(logging.Formatter):
-    """One line each; under systemd with the priority in front that journald takes off (sd-daemon(3))."""
+    """One line per record; under systemd prefixed with the priority, which journald strips (sd-daemon(3))."""
 
     def format(self, record: logging.LogRecord) -> str:
         return _priority(record.levelno) + super().format(record)
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     # python-can logs each failed attempt to open a bus; the port's state says it once.
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    logging.getLogger("numexpr").setLevel(logging.WARNING)  # pandas has it say how many threads it takes
+    logging.getLogger("numexpr").setLevel(logging.WARNING)  # imported by pandas, it logs its number of threads
     about = COMMANDS[chosen.command]
     try:
         call: Callable[[list[str]], int] = importlib.import_module(about.module).main

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 # Metres or radians of a pose from outside; beyond, doubles no longer resolve a step of the robot.
 LARGEST_COMMANDED = 1e7
-# Each side with the other one, and the reason that its silence is.
+# Each side, the other side, and source and text of the reason set by its silence.
 SILENT_SIDES = (
     (Side.LEFT, Side.RIGHT, "encoders.left", "the left counter is silent"),
     (Side.RIGHT, Side.LEFT, "encoders.right", "the right counter is silent"),
@@ -36,9 +36,9 @@ SILENT_SIDES = (
 
 
 class Observer:
-    """Is told of each input and decoded sample before the estimator has it: the recorder, the wiring check.
+    """Receives each input and decoded sample before the estimator does: the recorder, the wiring check.
 
-    The methods do nothing here: a subclass defines those that it needs.
+    The methods do nothing here: a subclass overrides those that it needs.
     """
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
@@ -58,13 +58,13 @@ class Observer:
 
 
 def _fog_decoding(config: Config) -> tuple[Fog, float]:
-    """The keys that the gyro's decoding depends on; the port's own are blank."""
+    """The keys that the gyro's decoding depends on; those of the port are blanked."""
     fog = replace(config.fog, port="", baud=0, low_latency=False, silent_after_s=0.0)
     return fog, config.robot.max_acceleration_deg_s2
 
 
 def _encoder_decoding(config: Config) -> tuple[Encoders, tuple[float, ...]]:
-    """The keys that the encoders' decoding depends on; the port's own are blank, and so is the name of a file."""
+    """The keys that the encoders' decoding depends on; those of the port and the name of a file are blanked."""
     e, r = config.encoders, config.robot
     e = replace(e, interface="", channel="", bitrate=None, open_delay_s=0.0, queue_frames=0, silent_after_s=0.0)
     e = replace(e, dbc=replace(e.dbc, file=None))
@@ -72,12 +72,12 @@ def _encoder_decoding(config: Config) -> tuple[Encoders, tuple[float, ...]]:
 
 
 class Pipeline:
-    """Feed it what arrives, with the arrival's CLOCK_MONOTONIC time; it calls `on_pose(pose, input_ns)`.
+    """Takes inputs with their CLOCK_MONOTONIC arrival times, and calls `on_pose(pose, input_ns)`.
 
-    `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
-    configuration start from. Each of `observers` is handed every call that can change the estimate, in order, and the
-    decoded samples: a replay makes the same calls. `recording`: what the model's provenance calls the run, if known.
-    `new_track`: see Estimator. Raises ConfigError where a file that the configuration names cannot be used.
+    `input_ns`: arrival time of the input that brought the pose. `base`: folder that relative paths in the
+    configuration start from. Each of `observers` receives, in order, every call that can change the estimate and the
+    decoded samples: a replay makes the same calls. `recording`: the run's name in the model's provenance, if known.
+    `new_track`: see Estimator. Raises ConfigError if a file named in the configuration cannot be used.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Pipeline:
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
 
     def _make_compensation(self, recording: str | None) -> Compensation | None:
-        """What takes off the model's effects that hold in this run."""
+        """Compensation for the model's effects that hold in this run."""
         assert self.model is not None
         check_geometry(self.model, self._config)
         terms, self.model_notes = self.model.holds_in(recording)
@@ -122,16 +122,16 @@ class Pipeline:
         return Estimator(config, calibration, resolution_m, compensation, reasons, self._new_track, publish_on)
 
     def resume(self, now_ns: int, estimate: Estimate, bias_known: bool) -> None:
-        """Go on from an estimate of before a restart, or a suspension of the machine. `bias_known`: its bias holds."""
+        """Continue from an estimate made before a restart or suspend of the machine. `bias_known`: its bias holds."""
         self._record("resume", now_ns, estimate=estimate.plain(), bias_known=bias_known)
         self.estimator.resume(estimate, bias_known)
 
     def reload(self, now_ns: int, fresh: "Pipeline", files: Mapping[str, str]) -> list[str]:
-        """Go on with the configuration of `fresh`, a pipeline that was fed nothing. What was learned anew is returned.
+        """Continue with the configuration of `fresh`, a pipeline without input so far. Returns what is learned again.
 
-        Pose, covariance and all that still applies of what was learned go on, and so does the decoding where nothing
-        changed for it; else the first samples are waited for, as after a gap. `files`: the texts of the new files in
-        force, from which a replay makes `fresh`.
+        Pose, covariance and all learned values that still apply are kept, and so is a decoder whose configuration is
+        unchanged; a new one waits for its first samples, as after a gap. `files`: the texts of the new files, from
+        which a replay makes `fresh`.
         """
         self._record("reload", now_ns, files=dict(files))
         old, new = self._config, fresh._config
@@ -176,26 +176,26 @@ class Pipeline:
                 self._emit(self.estimator.add_wheels(sample), frame.t_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Time passes, whether or not anything arrives."""
+        """Let time pass, whether or not anything arrives."""
         self._record("tick", now_ns)
         self._notice_stall(now_ns)
         last, first_ns = self.encoders.last_ns, self.encoders.first_ns or now_ns
         for side, other_side, source, text in SILENT_SIDES:
             mine, other = last[side], last[other_side]
-            # At the start, or after a reload, one side is the first. With both silent the estimator's reason says all.
+            # After a start or reload one side is heard first. If both are silent, the estimator's own reason says so.
             heard_ns = first_ns if mine is None else mine
             dead = other is not None and now_ns - other < self._side_silent_ns < now_ns - heard_ns
             self.reasons.update(source, text if dead else None, now_ns)
         self._emit(self.estimator.tick(now_ns), now_ns)
 
     def _notice_stall(self, now_ns: int) -> None:
-        """Before what arrives at a time is used: the rest of what waited for the host may come later."""
+        """Detect a stall of the host before an input is used: more delayed input may follow."""
         if self.fog is not None and self.estimator.is_stall(now_ns):
             self.fog.stalled()
             self.estimator.stalled()
 
     def port_state(self, source: str, text: str | None, now_ns: int) -> None:
-        """A port's trouble (None: it is open) becomes a reason; either starts the parser afresh."""
+        """Turn a port's fault (None: it is open) into a reason; either way restart its parser."""
         self._record("port_state", now_ns, source=source, text=text)
         self.reasons.update(source, text, now_ns)
         if source == "fog.port" and self.fog is not None:
@@ -206,23 +206,23 @@ class Pipeline:
     def set_pose(
         self, now_ns: int, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float
     ) -> None:
-        """A pose from outside, with its standard deviations."""
+        """Set the pose from outside, with its standard deviations."""
         values = {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "sigma_m": sigma_m, "sigma_rad": sigma_rad}
         self._record("set_pose", now_ns, **values)
         self.estimator.set_pose(**values)
 
     def apply(self, now_ns: int, name: str, constant: Constant | None) -> str | None:
-        """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""
+        """Adopt a constant that the monitor has found or, if None, restore the previous value; returns why not."""
         self._record("apply", now_ns, what=name, constant=None if constant is None else msgspec.to_builtins(constant))
         return self.estimator.apply(name, constant)
 
     def reset(self, now_ns: int) -> None:
-        """Back to the origin."""
+        """Return to the origin."""
         self._record("reset", now_ns)
         self.estimator.reset()
 
     def calibrate_bias(self, now_ns: int) -> str | None:
-        """Measure the gyro's bias anew; returns why not."""
+        """Measure the gyro's bias again; returns why not."""
         self._record("calibrate_bias", now_ns)
         return self.estimator.calibrate_bias()
 
@@ -243,7 +243,7 @@ class Pipeline:
         }
 
     def health(self, now_ns: int) -> dict[str, Any]:
-        """What the pipeline knows of itself: validity, reasons, rates, temperature, and what the filter has learned."""
+        """Health of the pipeline: validity, reasons, rates, temperature, and what the filter has learned."""
         return {
             "robot": self._config.robot.name,
             "validity": self.reasons.validity.value,

@@ -1,4 +1,4 @@
-"""What flows through the daemon: readings, samples and poses. SI, radians, CLOCK_MONOTONIC ns, REP-103 axes."""
+"""Data types of the daemon: readings, samples and poses. SI, radians, CLOCK_MONOTONIC ns, REP-103 axes."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class FogReading(NamedTuple):
-    """What one FOG packet says, in the sensor's own axis and sign.
+    """Content of one FOG packet, in the sensor's own axis and sign.
 
     `value` is rad/s, or rad since the previous reading where `is_angle`. `sequence` is the packet's own counter
     (None: the protocol has none). `temperature_c` is NaN where the packet carries none. `valid` is the sensor's
@@ -57,7 +57,7 @@ class Side(Enum):
     LEFT = 0
     RIGHT = 1
 
-    __hash__ = object.__hash__  # the enumeration's own is no C; sides are keys of each reading
+    __hash__ = object.__hash__  # faster than Enum's own, which is not in C: sides are dictionary keys
 
 
 class WheelReading(NamedTuple):
@@ -71,7 +71,7 @@ class WheelSample(NamedTuple):
     """Travel of both wheels over the `interval_s` seconds that end at `t_ns`, forward positive.
 
     `lost_s` is the time before that interval in which the robot's motion was not seen (start, gap, counter jump).
-    `lost_m` is the way of the robot's middle in it, as counters tell that went on counting; 0 where they do not.
+    `lost_m` is the travel of the robot's middle in that time if the counters went on counting, else 0.
     """
 
     t_ns: int
@@ -83,7 +83,7 @@ class WheelSample(NamedTuple):
 
 
 class WheelTurns(NamedTuple):
-    """How far each wheel has turned since the start, as its counts say, and how fast; forward positive."""
+    """Angle that each wheel has turned since the start, by its counts, and its rate; forward positive."""
 
     t_ns: int
     left_rad: float
@@ -113,9 +113,9 @@ class Reason(NamedTuple):
 class Pose:
     """The estimate at `t_ns`. `covariance` is the upper triangle (xx, xy, xh, yy, yh, hh) in m^2, m rad, rad^2.
 
-    Speed and rate are the newest samples' means, with their standard deviations; they hold on while a sensor is
-    silent, and their deviations grow. `position_bound_m`: radius that holds the true position in 99 of 100 cases, if
-    the noise profile holds.
+    Speed and rate are means over the newest samples, with standard deviations; while a sensor is silent they are held
+    and their deviations grow. `position_bound_m`: radius that contains the true position in 99 of 100 cases, if the
+    noise profile holds.
     """
 
     t_ns: int
