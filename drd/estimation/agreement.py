@@ -1,4 +1,4 @@
-"""The comparison of the two headings, and what follows where they disagree."""
+"""Comparison of the two headings, and the response where they disagree."""
 
 import math
 
@@ -12,14 +12,14 @@ from drd.estimation.track import Track
 from drd.estimation.uncertainty import OneSided
 from drd.units import NS_PER_S
 
-# Agreement for so long ends the report of a disagreement.
+# Agreement for this long ends the report of a disagreement.
 AGREEMENT_NS = 2 * NS_PER_S
 
 
 class Agreement:
-    """Makes measurement (14); rejections in a row are slip, and release the wheels' heading.
+    """Makes measurement (14); consecutive rejections mean slip and release the wheels' heading.
 
-    `counters` are the estimator's. `parted_rad`: by how much the headings have parted, since it was cleared, in
+    `counters` are the estimator's. `parted_rad`: sum of the headings' differences, since it was cleared, in
     comparisons beyond three standard deviations.
     """
 
@@ -28,12 +28,12 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
-        # Doubt while the gyro repeats itself, and until which of its times it has done so.
+        # Doubt while the gyro repeats its reading, and the gyro's time until which it has done so.
         self._repeats, self._repeats_ns = Parted(), 0
         self.parted_rad = 0.0
 
     def anew(self, track: Track) -> "Agreement":
-        """A comparison without disagreement so far, for a filter that has started again; the gyro has not."""
+        """A new instance for a filter that has restarted; the doubt about a gyro that repeats itself stays."""
         anew = Agreement(self._limit, self._reasons, self._counters)
         anew._repeats, anew._repeats_ns = self._repeats, self._repeats_ns
         anew.pose_was_set(track)
@@ -73,7 +73,7 @@ class Agreement:
                 kf.turn_by_gyro_alone(-z_rad)
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
-                # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (35)
+                # The heading's variance is at its limit, so nothing was added: continue from the gyro's heading. (35)
                 kf.anchor_wheels()
                 outcome = kf.update(track.rate_rad_s)
         track.rejected_rad = 0.0
@@ -90,9 +90,9 @@ class Agreement:
         return True
 
     def slip(self, track: Track, t_ns: int, parted_rad: float) -> None:
-        """Widen the wheels' heading by this error, and undo what it has taught. (18)
+        """Widen the wheels' heading by this error, and undo what was learned from it. (18)
 
-        If it was one wheel, the middle's travel is wrong by half of it; while it lasts always to the same side.
+        If one wheel slipped, the middle's travel is wrong by half of it, with one sign while the slip lasts.
         """
         kf, slipped_m = track.kf, track.hindsight.slipped_m
         kf.return_variance(*track.hindsight.corrected(kf))
@@ -103,7 +103,7 @@ class Agreement:
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
     def gyro_repeats(self, track: Track, times: int, t_ns: int) -> None:
-        """Note that it has repeated itself, so often until `t_ns`: the constants may have to be restored."""
+        """Note that the gyro has repeated itself, `times` times by `t_ns`: constants may have to be restored."""
         if times == 1:
             self._repeats.begin(track.hindsight.now(track.kf))
         elif times >= STUCK_READINGS:
@@ -117,7 +117,7 @@ class Agreement:
             self._repeats.cover(track)
 
     def gyro_is_stuck(self, track: Track) -> None:
-        """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
+        """Undo what was learned since the gyro began to repeat itself: both headings have followed it. (18)"""
         if (then := self._repeats.then) is not None:
             self._cover_repeats(track)
             track.kf.return_variance(*then.corrected(track.kf))

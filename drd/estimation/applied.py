@@ -1,4 +1,4 @@
-"""Constants that the monitor has found, adopted by the filter between two samples, and restored. Nothing steps."""
+"""Constants that the monitor has found, adopted by the filter between two samples, and restored; no pose jumps."""
 
 import math
 from collections.abc import Callable
@@ -17,19 +17,19 @@ RADII: Final = "radii"
 TURN: Final = "turn"
 LAG: Final = "wheel_lag_s"
 BIAS: Final = "bias_rad_s"
-# By how much each may differ from the configuration. Radii: a tyre that has lost more is flat. Turn: from here on
-# wheels slip sideways, and the tread changes with the ground. Lag: a bus or drive that is later needs repair. Bias:
-# 0.1 deg/s, the worst of the gyros that are read; one that is off by more is broken.
+# Largest difference from the configuration. Radii: a tyre that has lost more is flat. Turn: beyond, the wheels slip
+# sideways and the tread changes with the ground. Lag: a later bus or drive needs repair. Bias: 0.1 deg/s, the worst
+# of the supported gyros; beyond, the gyro is broken.
 LARGEST: Final = {RADII: 0.03, TURN: 0.15, LAG: 0.1, BIAS: 0.1 * RAD_PER_DEG}
-CONSTANTS: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG)  # what taking one may correct
-BOTH: Final = 0.5  # share of a change of the radii that is the left one's, if nobody knows which
+CONSTANTS: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG)  # states that adopting one may correct
+BOTH: Final = 0.5  # the left wheel's share of a change of the radii, if it is unknown which has changed
 
 
 class Constant(Struct, frozen=True):
     """A constant and its standard deviation, SI.
 
     `name`: RADII, the left radius over the right one, less 1; TURN, tread times the gyro's scale over the configured
-    tread, less 1; LAG, how late the wheels are; BIAS, the gyro's. `left`: the left one's share of a change of radii.
+    tread, less 1; LAG, the wheels' delay; BIAS, the gyro's. `left`: the left wheel's share of a change of radii.
     """
 
     name: str
@@ -61,7 +61,7 @@ def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Cons
 
 
 def take(kf: Filter, constant: Constant, tread_m: float) -> None:
-    """Put a constant into the filter if it has changed: pose and headings stay. (109)"""
+    """Adopt a constant as a measurement, after allowing for its change; pose and headings stay. (109)"""
     h = _row(kf, constant.name)
     off = of_filter(kf, constant.name, tread_m).value - constant.value
     g = _changed(kf, constant)
@@ -72,18 +72,18 @@ def take(kf: Filter, constant: Constant, tread_m: float) -> None:
     gain /= float(h @ kf.P @ h) + constant.sigma**2
     _move(kf, gain * off)
     rest = np.eye(N) - np.outer(gain, h)
-    P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # of any gain
+    P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # Joseph form: holds for any gain
     np.copyto(kf.P, 0.5 * (P + P.T))
     kf.given += 1
 
 
 def put_back(kf: Filter, constant: Constant, tread_m: float) -> None:
-    """Restore the value that a constant had replaced, with at least its uncertainty of then. (109)
+    """Restore the value that a constant had replaced, with at least its uncertainty at that time. (109)
 
-    Not as a measurement: one that is unsure would leave the filter where it is.
+    Not as a measurement: an uncertain one would hardly move the filter.
     """
     g = _changed(kf, constant)
-    for _ in range(2):  # TURN is a product: once is linear
+    for _ in range(2):  # TURN is a product, and one step is only linear
         now = of_filter(kf, constant.name, tread_m)
         _move(kf, (now.value - constant.value) * g)
     kf.P += max(constant.sigma**2 - now.sigma**2, 0.0) * np.outer(g, g)

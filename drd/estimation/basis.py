@@ -27,16 +27,16 @@ GYRO_KEYS: Final = (
 LAG_KEYS: Final = (
     "encoders.latency_s", "encoders.layout", "fog.latency_s", "estimation.profile", "estimation.initial.wheel_lag_s",
 )  # fmt: skip
-DIGITS: Final = 16  # hexadecimal, 64 bits: two of a robot's configurations do not meet by chance
+DIGITS: Final = 16  # hexadecimal, 64 bits: no two of a robot's configurations collide by chance
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Values by the key's path, of all that is learned of wheel scales and tread, of the gyro's scale and bias, and of
-    the wheels' lag, depends on. The first files have neither `drive` nor `lag`.
+    """Values, by key path, on which the learned wheel scales and tread, gyro scale and bias, and wheel lag depend.
+    The first files have neither `drive` nor `lag`.
 
-    `wheels`, `gyro`: what decodes their readings and takes errors off. `drive`: what is assumed of scales and tread at
-    first. `provenance`: what calibration and model say of themselves, for people; it is not compared.
+    `wheels`, `gyro`: decoding and correction of their readings. `drive`: initial assumptions on scales and tread.
+    `provenance`: that of calibration and model, for people; it is not compared.
     """
 
     wheels: dict[str, Any]
@@ -61,8 +61,8 @@ def basis_of(
     estimates_scale: bool,
     encoder_file: str | None = None,
 ) -> Basis:
-    """The basis of a configuration with the files that it names. `encoder_file`: what the encoders' layout takes from
-    one.
+    """The basis of a configuration with the files that it names. `encoder_file`: the part of the encoders' layout that
+    comes from a file.
     """
     in_model = _digest([(t.effect.id, sorted(t.parameters.items())) for t in model.terms]) if model else "none"
     wheels = {path: attrgetter(path)(config) for path in WHEEL_KEYS} | {"model": in_model}
@@ -84,15 +84,15 @@ def changes(then: Basis, now: Basis) -> Changes:
     wheels = _different(then.wheels, now.wheels) + _different(then.drive, now.drive)
     gyro, lag = _different(then.gyro, now.gyro), _different(then.lag, now.lag)
     was, by = then.gyro.get("fog.protocol"), now.gyro["fog.protocol"]
-    if by not in ("none", was):  # what a gyro has taught stays where it is taken away
+    if by not in ("none", was):  # without a gyro, what one has taught stays
         lag.append(f"fog.protocol changed from {was} to {by}")
-        if was == "none":  # scales and tread were taken for surer than where a gyro can tell them
+        if was == "none":  # without a gyro, scales and tread are assumed to be better known
             wheels.append(lag[-1])
     return Changes(wheels, gyro, lag)
 
 
 def _different(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """By key. One that the file of an earlier version does not have counts as unchanged: an upgrade forgets nothing."""
+    """Differences by key. A key missing from an earlier version's file is unchanged: an upgrade forgets nothing."""
     return [f"{path} changed from {value} to {now.get(path)}" for path, value in then.items() if value != now.get(path)]
 
 
@@ -109,5 +109,5 @@ def _calibration(c: Calibration | None) -> str:
 
 
 def _digest(values: Any) -> str:
-    """Of numbers and names; comments and provenance in a file may change without making it another one."""
+    """Digest of numbers and names, so that comments and provenance in a file may change."""
     return f"sha256 {hashlib.sha256(repr(values).encode()).hexdigest()[:DIGITS]}"

@@ -18,9 +18,9 @@ FORMAT = "drd-gyro-calibration/1"
 Row = tuple[float, float, float]
 Row12 = Annotated[tuple[float, ...], "12 finite numbers", Meta(min_length=12, max_length=12)]
 Residual = Annotated[float, "deg/s", Meta(ge=0)]
-# Of a gyro that was calibrated at one temperature only: Table I, peak to peak over -40 to 75 degC.
+# Slopes of a gyro that was calibrated at one temperature only: Table I, peak to peak over -40 to 75 degC.
 BIAS_SLOPE_DEG_S_C, SCALE_SLOPE_PER_C = 0.2 / 115.0, 0.02 / 115.0
-# What a cubic leaves changes over an eighth of the range of rates, about the distance between its zeros. (23)
+# A cubic's residual varies over an eighth of the range of rates, about the distance between its zeros. (23)
 RATE_LENGTHS = 8.0
 
 
@@ -30,7 +30,7 @@ class Calibration:
 
     `rows` are the b of each power of w; the rate is the reading after sign and axis (counter-clockwise positive).
     `residual_deg_s`, `residual_before_deg_s`: rms error of new data after and before the correction. `covariance`:
-    of the twelve b, those of w^0 first and within them that of T^0 first, shape (12, 12); empty where not known.
+    that of the twelve b, w^0 first and within each power of w T^0 first, shape (12, 12); empty if unknown.
     """
 
     rows: tuple[Row, Row, Row, Row]
@@ -55,9 +55,9 @@ class Calibration:
         return low <= sample.rate_rad_s * DEG_PER_RAD <= high and cold <= sample.temperature_c <= warm
 
     def correct(self, sample: GyroSample) -> CalibratedRate:
-        """Equation (6). Outside the range the correction stays at its value at the border and its sigma increases. (21)
+        """Correct a sample by (6). Outside the range the correction keeps its value at the border; sigma grows. (21)
 
-        Sigma is of the rate's error beyond the error at rest, which a measured bias removes. (23)
+        Sigma is that of the rate's error beyond the error at rest, which a measured bias removes. (23)
         """
         rate, temperature = sample.rate_rad_s * DEG_PER_RAD, sample.temperature_c
         (low, high), (cold, warm) = self.rate_range_deg_s, self.temperature_range_c

@@ -8,15 +8,15 @@ from drd.estimation.health import Reasons
 from drd.samples import CalibratedRate, GyroSample, WheelSample
 from drd.units import NS_PER_S
 
-# So long inside the model's range ends the report that it was left.
+# This long inside the model's range ends the report that it was left.
 INSIDE_NS = 2 * NS_PER_S
 
 
 class Corrections:
-    """The gyro's calibration, and behind it a model's effects.
+    """The gyro's calibration, followed by the removal of a model's effects.
 
-    `heading_rad(t_ns)` is that of the robot at the middle of a sample that ends then, near enough. `late_ns`: what the
-    model takes off the stamps, at most; `further_wait_ns`: how much longer the gyro's samples may take for it.
+    `heading_rad(t_ns)`: approximate heading of the robot in the middle of a sample that ends then. `late_ns`: largest
+    delay that the model subtracts from stamps; `further_wait_ns`: how much longer gyro samples may take because of it.
     `counters` are the estimator's.
     """
 
@@ -35,7 +35,7 @@ class Corrections:
         self._outside_ns = 0
 
     def take_over(self, other: "Corrections") -> None:
-        """Continue with another's compensation, which is the same, and its state."""
+        """Continue with another's state; its compensation is the same."""
         self.late_ns, self.further_wait_ns, self._outside_ns = other.late_ns, other.further_wait_ns, other._outside_ns
 
     def gyro(self, sample: GyroSample, standing: bool) -> CalibratedRate:
@@ -77,7 +77,7 @@ class Corrections:
         return calibration.correct(sample)
 
     def _tell_model(self, model: Compensation, t_ns: int) -> None:
-        """After each sample: the model's delays into the waits, its range into the health."""
+        """Update the waits by the model's delays, and the health by its range, after each sample."""
         self.late_ns = max(model.gyro_delay_ns, model.wheel_delay_ns)
         self.further_wait_ns = max(0, model.gyro_delay_ns - model.wheel_delay_ns)
         if model.outside:

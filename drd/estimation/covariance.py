@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-# Rounding, and correlations that were rounded when they were written down, make a matrix a little indefinite.
+# Rounding, in computation or in a written file, makes a matrix slightly indefinite.
 INDEFINITE = 1e-6
 
 # Row and column of a pose's six numbers in its covariance.
@@ -13,21 +13,21 @@ UPPER: Final = np.triu_indices(3)
 
 
 def of_upper(numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Covariances (n, 3, 3) of their upper triangles, row by row, (n, 6)."""
+    """Covariances (n, 3, 3) from their upper triangles, row by row, (n, 6)."""
     found = np.empty((len(numbers), 3, 3))
     found[:, *UPPER] = found[:, *UPPER[::-1]] = numbers
     return found
 
 
 def unfit(P: npt.NDArray[np.float64]) -> tuple[str, str] | None:
-    """What a covariance is and what finite `P` is instead; None where it is one: symmetric, positive semidefinite."""
+    """Expected and got if finite `P` is no covariance; None if it is one: symmetric, positive semidefinite."""
     variances = np.diag(P)
     if variances.min() < 0.0:
         return "variances of at least 0 on the diagonal", f"{variances.min():g}"
     if P[variances == 0.0].any():
         return "no covariance where the variance is 0", "one"
     sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    with np.errstate(all="ignore"):  # of numbers near the largest and the smallest
+    with np.errstate(all="ignore"):  # overflow and underflow of extreme values
         correlation = P / np.outer(sigma, sigma)
         skew = float(np.abs(correlation - correlation.T).max())
     if not skew < INDEFINITE:

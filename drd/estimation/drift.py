@@ -13,16 +13,16 @@ from drd.estimation.state import DD
 from drd.estimation.track import Track
 from drd.units import NS_PER_S
 
-# So many readings of the wheels that differ to one side, each comparison within its gate, are no noise: normalised,
-# they are white. The shorter a sum, the sooner it tells of what is large; the longer, the less it needs.
+# Lengths of the sums of normalised innovations, in wheel readings. Noise is white; innovations to one side, each
+# within the gate, are not. A short sum detects large errors soon, a long one small errors.
 IN_A_ROW: Final = (20, 40, 80, 160)
-WHERE_IT_SKIDS: Final = IN_A_ROW[:2]  # there slip in turns makes longer sums one-sided
-ONE_SIDED_SIGMAS: Final = 5.0  # of such a sum: none by chance in days, (18)
+WHERE_IT_SKIDS: Final = IN_A_ROW[:2]  # slip in turns makes longer sums one-sided
+ONE_SIDED_SIGMAS: Final = 5.0  # of such a sum: no false alarm in days, (18)
 # Another ground changes a skid-steer robot's effective tread by 20 to 40 %: a second of turning shows it.
 GROUND_CHANGE: Final = 0.2
-# The doubt ends once the headings have parted no further for so long, and the tread is what it was.
+# The doubt ends once the headings have parted no further for this long and the tread is what it was.
 GROUND_NS: Final = 10 * NS_PER_S
-# A skid-steer robot's other ground is no trouble once a second drift would have been found: a second longer than that.
+# For a skid-steer robot the doubt ends a second after a second drift would have been found.
 SKID_DOUBT_NS: Final = 5 * NS_PER_S
 
 
@@ -35,13 +35,13 @@ class Drift:
     def __init__(self) -> None:
         self.text: str | None = None
         self._begin()
-        # While there is doubt; when the drift was found, when the headings last parted further.
+        # The doubt; when the drift was found, when the headings last parted further.
         self._parted = Parted()
         self._found_ns = self._parted_ns = 0
 
     def _begin(self) -> None:
         self._sums = deque([0.0] * (IN_A_ROW[-1] + 1), IN_A_ROW[-1] + 1)
-        # The wheels' reading that the newest comparisons are about, and the sums of their z and S.
+        # The wheels' reading of the newest comparisons, and the sums of their z and S.
         self._reading_ns, self._z_rad, self._S_rad2 = 0, 0.0, 0.0
 
     def pose_was_set(self, track: Track) -> None:
@@ -49,9 +49,9 @@ class Drift:
         self._parted.pose_was_set(track)
 
     def is_found(self, track: Track, drive: Drive) -> bool:
-        """After a comparison that was accepted: whether those until now were to one side; then sums begin anew."""
+        """Whether innovations are one-sided, after an accepted comparison; if so, the sums start again."""
         sums, kf = self._sums, track.kf
-        if track.reading_ns == self._reading_ns:  # a faster gyro sees its error in parts, which are not independent
+        if track.reading_ns == self._reading_ns:  # a faster gyro sees its error in parts that are not independent
             sums.pop()
         else:
             self._reading_ns, self._z_rad, self._S_rad2 = track.reading_ns, 0.0, 0.0
@@ -64,11 +64,11 @@ class Drift:
         return True
 
     def watch(self, track: Track, t_ns: int, drive: Drive) -> None:
-        """After a comparison that was accepted, while no slip is known of."""
+        """Look for drift after an accepted comparison, while no slip is known."""
         if self.is_found(track, drive):
             self._suspect_all(track, t_ns)
         if (before := self._parted.then) is not None:
-            if drive is Drive.UNKNOWN:  # a tread that is being learned is the likeliest cause: its own part is no error
+            if drive is Drive.UNKNOWN:  # a tread still being learned is the likeliest cause: its share is no error
                 self._parted.then = before = replace(before, tread_m=track.kf.nominal.tread_m)
             self._cover(track, before, t_ns)
             if self._is_over(track.kf, before, t_ns, drive):
@@ -76,7 +76,7 @@ class Drift:
                 self.text = None
 
     def _suspect_all(self, track: Track, t_ns: int) -> None:
-        """Nobody knows which of them is wrong: the tread is learned anew, the pose stays the gyro's."""
+        """Suspect every cause, since none stands out: the tread is learned again, the pose stays the gyro's."""
         kf = track.kf
         kf.return_variance(*track.hindsight.corrected(kf))
         if self._parted.then is None:
@@ -86,7 +86,7 @@ class Drift:
         self._found_ns = t_ns
 
     def _cover(self, track: Track, before: Memory, t_ns: int) -> None:
-        """The gyro may be wrong by what both have parted since, or the middle by half of one wheel's travel of it."""
+        """Widen P for a gyro wrong by the headings' difference since, or a middle wrong by half a wheel's slip."""
         if (growth_rad2 := self._parted.cover(track)) > 0.0:
             self._parted_ns = t_ns
             track.kf.add_position_variance((0.5 * before.tread_m) ** 2 * growth_rad2)

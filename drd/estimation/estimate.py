@@ -34,8 +34,8 @@ from drd.estimation.state import (
 )
 from drd.units import RAD_PER_DEG
 
-# What a computed quantity can be at all: beyond 1e7 m doubles no longer resolve a step of the robot, and the rest is
-# what the configuration allows, amply.
+# Plausible range of each computed quantity: beyond 1e7 m doubles no longer resolve a step of the robot; the others
+# amply cover what the configuration allows.
 LIMITS: Final = {
     "tread_m": (0.005, 50.0),
     "x_m": (-1e7, 1e7),
@@ -51,7 +51,7 @@ LIMITS: Final = {
     "origin_x_m": (-1e7, 1e7),
     "origin_y_m": (-1e7, 1e7),
 }
-# Nominal radii of tyres, and a tread that was taken with a tape.
+# Relative standard deviations of nominal tyre radii, and of a tread measured with a tape.
 WHEEL_SCALE: Final = 0.005
 MEASURED_TREAD: Final = 0.02
 # Skid steering: the effective tread is 1.0 to 2.0 times the measured one, the distance 3 to 8 % shorter than the wheels
@@ -66,13 +66,13 @@ Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
 
 def is_stated_skid(config: Config) -> bool:
-    """Whether the configuration says that the wheels slip sideways: by name, or since their turning says nothing."""
+    """Whether the configuration says that the wheels slip sideways: by name, or by taking the gyro's heading."""
     by_gyro = config.robot.drive == "auto" and config.estimation.heading == "gyro"
     return config.robot.drive == "skid" or (by_gyro and config.estimation.profile == "physical")
 
 
 def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
-    """Standard deviations of a cold start: as configured, or as usual for what drives and turns so."""
+    """Standard deviations of a cold start: as configured, or typical of the kind of steering."""
     initial, has_gyro = config.estimation.initial, config.fog.protocol != "none"
     is_physical = config.estimation.profile == "physical"
     skids, is_auto = is_stated_skid(config), config.robot.drive == "auto" and is_physical
@@ -133,7 +133,7 @@ def _matrix(_: Any, rows: Any) -> Matrix:
     try:
         return np.array(msgspec.convert(rows, Rows))
     except msgspec.ValidationError as error:
-        raise ValueError(str(error)) from error  # which gets its path, unlike the other
+        raise ValueError(str(error)) from error  # gets its path in the message, unlike the other
 
 
 def check_covariance(P: Matrix) -> None:
@@ -163,10 +163,10 @@ def forget_gyro(kf: Filter, s: Sigmas) -> None:
 
 
 def forget_lag(kf: Filter, s: Sigmas) -> None:
-    """The wheels' lag is as unsure as at first. Its value stays while the robot turns, and both headings are as unsure
-    as it makes them: where it is another now, what is wrong of them by it goes as the lag is learned. (30)
+    """Reset the uncertainty of the wheels' lag. While the robot turns, its value stays, and both headings get the
+    error that follows from the lag's: learning the lag corrects them, too. (30)
     """
-    if not s.wheel_lag_s or not kf.rate_rad_s:  # nothing will tell it, or nothing depends on it
+    if not s.wheel_lag_s or not kf.rate_rad_s:  # it is not estimated, or nothing depends on it
         kf.nominal.wheel_lag_s = 0.0
     kf.forget(WHEEL_LAG, 0.0)
     kf.add_lag_variance(s.wheel_lag_s**2)

@@ -24,16 +24,16 @@ from drd.estimation.track import MakeTrack, make_track
 from drd.samples import CalibratedRate, GyroSample, Pose, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 
-# Ticks further apart mean that the host stood still.
+# Ticks further apart mean that the host was stalled.
 STALL_NS = NS_PER_S // 5
 
 
 class Estimator:
     """The pose from wheel and gyro samples, with validity and reasons.
 
-    `resolution_m`: wheel travel of one encoder count, which decides what a standstill is. `compensation` takes a
-    model's effects off the samples, behind the gyro's calibration. `reasons`: those of the estimator to take over from.
-    `new_track` makes the track that the samples go into: one whose filter is watched gives the same poses.
+    `resolution_m`: wheel travel of one encoder count, which defines a standstill. `compensation` removes a model's
+    effects from the samples, after the gyro's calibration. `reasons`: those of the estimator to take over from.
+    `new_track` makes the track that processes the samples; one with an instrumented filter gives the same poses.
     `publish_on`: the samples that bring a pose, the gyro's at most at the encoders' rate.
     """
 
@@ -92,7 +92,7 @@ class Estimator:
     # ---- samples -----------------------------------------------------------------------------------------------
 
     def add_gyro(self, sample: GyroSample) -> Pose | None:
-        """Take a gyro sample; a pose where `publish_on` or silent wheels ask for one here."""
+        """Take a gyro sample; returns a pose if `publish_on` or silent wheels require one."""
         self._silence.begin(sample.t_ns)
         self._progress.gyro_interval_s = sample.interval_s
         rate = self._corrections.gyro(sample, self.bias.active and not self.counters["bias_measured"])
@@ -117,7 +117,7 @@ class Estimator:
         return self._pose(now_ns if silent else self._silence.wheels_ns)
 
     def add_wheels(self, sample: WheelSample) -> Pose | None:
-        """Take a wheel sample; a pose at its time unless poses are to come with the gyro's samples."""
+        """Take a wheel sample; returns a pose at its time, unless poses come with the gyro's samples."""
         self._silence.begin(sample.t_ns)
         still = self.standstill.feed(sample)  # whole counts
         sample = self._corrections.wheels(sample)
@@ -131,16 +131,16 @@ class Estimator:
         if not self._progress.add_travel(sample):
             return None
         self._progress.advance()
-        # The pose is not older than the last one, nor may its silences be judged by an older time.
+        # The pose is no older than the last one, and silence must not be judged at an older time either.
         self._watch(max(sample.t_ns, self._progress.pose_ns))
         wanted = self._publish_on == "wheels" or self._silence.gyro(sample.t_ns)
         return self._pose(sample.t_ns) if wanted else None
 
     def tick(self, now_ns: int) -> Pose | None:
-        """Let time pass: notice silence, and give a pose when no sensor brings one.
+        """Let time pass: detect silence, and return a pose when no sensor brings one.
 
-        To be called often, and recorded for a replay: only here a wait for the wheels is given up. A call that comes
-        late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
+        Call it often, and record it for a replay: only here is waiting for the wheels given up. A call that comes late
+        because the host was stalled does nothing: samples of that time may still be in its buffers.
         """
         silence, progress = self._silence, self._progress
         silence.begin(now_ns)
@@ -156,15 +156,15 @@ class Estimator:
         return self._pose(now_ns)
 
     def is_stall(self, now_ns: int) -> bool:
-        """Whether the host stood still since the last tick; unknown, and so not, before the first."""
+        """Whether the host has been stalled since the last tick; False before the first one."""
         return self._tick_ns > 0 and now_ns - self._tick_ns > STALL_NS
 
     def stalled(self) -> None:
-        """Note a stall of the host: until ticks come in time again, nothing that waits in its buffers is given up."""
+        """Note a stall of the host: samples in its buffers are waited for until ticks are on time again."""
         self._progress.is_stalled = True
 
     def _watch_repeats(self, sample: GyroSample) -> None:
-        """Take back the constants that a stuck gyro has taught since it repeats itself. (18)"""
+        """Restore the constants if a stuck gyro has changed them since it began to repeat itself. (18)"""
         stuck, agreement, track = self._stuck, self.knowledge.agreement, self._track
         disagrees = agreement.parted_rad > 0.0 or self.reasons.has("agreement")
         is_found = stuck.take(sample.rate_rad_s, sample.interval_s, disagrees)
@@ -210,7 +210,7 @@ class Estimator:
         return None
 
     def _bias_progress(self, t_ns: int) -> None:
-        """After each wheel sample of the measurement: report, or hand the result and the gyro to the filter."""
+        """Report after each wheel sample; at the end, hand the result and the gyro to the filter."""
         bias, track, progress = self.bias, self._track, self._progress
         bias.tell(self.reasons, t_ns)
         if bias.active:
@@ -228,7 +228,7 @@ class Estimator:
                 progress.add_rate(rate)
 
     def _turn_meanwhile(self, rate: CalibratedRate) -> None:
-        """Somebody turned the robot during the measurement: what the filter has not been told of it."""
+        """Add the turn that the filter has not seen, of a robot turned by hand during the measurement."""
         n, unseen_s = self._track.kf.nominal, rate.interval_s - max(rate.t_ns - self._track.t_ns, 0) * S_PER_NS
         turn_rad = (n.gyro_scale * rate.rate_rad_s + n.gyro_bias_rad_s) * max(unseen_s, 0.0)
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
@@ -236,8 +236,8 @@ class Estimator:
     # ---- from one estimator to the next ------------------------------------------------------------------------
 
     def estimate(self, in_place: bool = False) -> Estimate | None:
-        """The estimate at the last pose, to continue from; None before the wheels were heard. `in_place`: this very
-        estimator goes on from it, with the samples that wait, and so from where it has not used them yet.
+        """The estimate at the last pose, to continue from; None before the first wheel sample. `in_place`: for this
+        estimator itself, which still has its pending samples, so the estimate is the one before them.
         """
         if not self._silence.wheels_ns:
             return None
@@ -272,9 +272,8 @@ class Estimator:
     ) -> None:
         """Continue in another's place and with its reasons, between two samples; no pending sample is lost.
 
-        What is the same, other than the configuration around it: `same_wheels`, what wheel scales and tread were
-        learned with; `same_gyro`, the same of bias and scale; `same_lag`, of the wheels' lag; `same_model`, the
-        compensation and where it stands.
+        Unchanged by the new configuration: `same_wheels`, the basis of wheel scales and tread; `same_gyro`, that of
+        the gyro's bias and scale; `same_lag`, that of the wheels' lag; `same_model`, the compensation with its state.
         """
         self._progress.take_over(other._progress, same_wheels, same_gyro)
         self.counters.update(other.counters)
@@ -291,7 +290,7 @@ class Estimator:
         self._drop_reasons(same_gyro, same_model)
 
     def _drop_reasons(self, same_gyro: bool, same_model: bool) -> None:
-        """Those that nothing would end any more, or that begin anew."""
+        """Clear the reasons that nothing would end any more, and those that start again."""
         gone = {
             "calibration": not self._corrections.is_calibrated,
             "model": not same_model,
@@ -307,9 +306,9 @@ class Estimator:
     # ---- commands ----------------------------------------------------------------------------------------------
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
-        """Set the pose of now, with its standard deviations; what was learned of the sensors stays.
+        """Set the present pose, with its standard deviations; what was learned about the sensors stays.
 
-        They count up to those of a pose of which nothing is known.
+        The deviations are limited to those of an unknown pose.
         """
         sigma_m, sigma_rad = min(sigma_m, POSITION_UNKNOWN_M2**0.5), min(sigma_rad, HEADING_UNKNOWN_RAD2**0.5)
         self._set_pose((x_m, y_m, heading_rad), self._progress.moved(), sigma_m, sigma_rad)

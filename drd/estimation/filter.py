@@ -31,13 +31,13 @@ from drd.estimation.state import (
 )  # fmt: skip
 from drd.estimation.transition import Transition
 
-# The wheels' lag is no less than a gyro can be late by its own filter and its line, and no more than a drive that
-# works; what seems to be more is noise, or slip.
+# Limits of the wheels' lag: a gyro's own filter and line make it no later than this, and a working drive is no slower;
+# an estimate beyond is due to noise or slip.
 LEAST_LAG_S: Final = -0.1
 MOST_LAG_S: Final = 0.5
-# A part of the stated tread. Effective ones are 1.0 to 2.0 times the measured one; no tape is wrong by three quarters.
+# Relative to the stated tread. Effective treads are 1.0 to 2.0 times the measured; no tape is wrong by three quarters.
 LEAST_TREAD: Final = 0.25
-# z^2 over S beyond which z is no noise as stated: three standard deviations, as for what noise is learned from.
+# z^2 over S beyond which z exceeds the stated noise: three standard deviations, as where noise is learned.
 USUAL2: Final = 9.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
@@ -54,7 +54,7 @@ class Outcome(Enum):
 class Filter(State):
     """Predict with wheel travel and gyro rate; update with the difference of the two headings.
 
-    All of it is at the time that the wheels report: the gyro's rates are to be handed in later by the estimated lag.
+    The state is that at the wheels' time: hand in the gyro's rates delayed by the estimated lag.
     """
 
     def __init__(
@@ -66,12 +66,12 @@ class Filter(State):
         midpoint: bool = True,
         along_gyro: bool = True,
     ):
-        """`along_gyro`: it travels along the gyro's heading where there is one; else, as printed, the wheels'."""
+        """`along_gyro`: travel follows the gyro's heading if there is one; else, as in the paper, the wheels'."""
         self.z = 0.0  # last innovation, rad
         self.S = 0.0  # and its variance, rad^2
-        self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
+        self.noise = replace(noise)  # a copy: some of it is learned while driving, see learning.py
         self._left_m_s = self._right_m_s = 0.0  # speeds of the last step
-        self._without_gyro = True  # was the last step
+        self._without_gyro = True  # in the last step
         self._half = 0.5 if midpoint else 0.0
         self._updates = 0
         # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q. F is kept
@@ -95,13 +95,13 @@ class Filter(State):
         """Begin at the origin with these standard deviations; both headings share their error."""
         super().restart(tread_m, s)
         self._least_tread_m = LEAST_TREAD * tread_m
-        # Sums of corrections of the newest pose and the gyro's heading by comparisons, and of what P got back. (18)
+        # Sums of the comparisons' corrections of newest position and gyro heading, and of variance returned to P. (18)
         self.corrected_x_m = self.corrected_y_m = self.corrected_rad = 0.0
         self.returned_m2 = self.returned_rad2 = 0.0
         self._transition = Transition(self._FT, self._half, self.process_noise.estimates_gyro_scale)
 
     def copy_from(self, other: "Filter") -> None:
-        """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
+        """Copy another filter's estimate; the parameters and the learned noise stay."""
         self._copy_state(other)
         self.process_noise.copy_from(other.process_noise)
         self.corrected_x_m, self.corrected_y_m = other.corrected_x_m, other.corrected_y_m
@@ -121,8 +121,8 @@ class Filter(State):
     ) -> None:
         """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
 
-        `rate_sigma_rad_s` is added to the gyro's noise by the calibration; `lateral_m` is the body's own travel to its
-        left, which no sensor measures.
+        `rate_sigma_rad_s`: the calibration's contribution to the gyro's noise; `lateral_m`: the body's own travel to
+        its left, which no sensor measures.
         """
         n, k, F, Q = self.nominal, self.noise, self._transition, self.process_noise
         D = n.tread_m
@@ -145,7 +145,7 @@ class Filter(State):
         c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
         jitter = self._jitter_rad2(left_m / dt_s, right_m / dt_s, change)
-        if self._p[VV]:  # nobody who does not slip pays for it
+        if self._p[VV]:  # costs no time without slip
             drift = U * turn / dt_s  # (33)
             F.fill_slip(-drift * s, drift * c)
             lateral_m += n.slip_s * drift
@@ -166,10 +166,10 @@ class Filter(State):
         self._F_and_I.dot(self._PFT_and_Q, P)
 
     def _fused_turn(self, dt_s: float, distance_m: float, wheels_rad: float, gyro_rad: float) -> Two:
-        """The step's turn from both sensors, each weighted by its variance, where F is taken, and the change of the yaw
-        rate since it last counted. Fills in F's row of the gyro. (15), (30)
+        """The step's turn from both sensors, by inverse variance, at which F is evaluated, and the change of the yaw
+        rate since the last change that counted. Fills in the gyro's row of F. (15), (30)
 
-        Wheels that stand have no noise, so that at rest the turn is theirs: none.
+        Standing wheels have no noise, so that at rest the turn is theirs: zero.
         """
         k, p, turn = self.noise, self._p, wheels_rad
         N2, bias_rad2_s2 = k.gyro_rad2_per_s, p[BB]
@@ -187,7 +187,7 @@ class Filter(State):
         return turn, change
 
     def _jitter_rad2(self, left_m_s: float, right_m_s: float, change: float) -> float:
-        """Variance of the wheels' heading by changes of the speeds, which it keeps, and of the yaw rate. (25)"""
+        """Variance of the wheels' heading due to changes of the speeds, stored here, and of the yaw rate. (25)"""
         left_jump, right_jump, D = left_m_s - self._left_m_s, right_m_s - self._right_m_s, self.nominal.tread_m
         self._left_m_s, self._right_m_s = left_m_s, right_m_s
         jumps = left_jump * left_jump + right_jump * right_jump
@@ -208,11 +208,11 @@ class Filter(State):
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
         k = z / S
-        # No evidence for a robot almost without a tread is believed, however wide the gate: it would break F and Q.
+        # A correction to almost no tread is rejected, however wide the gate: it would break F and Q.
         if z * z > self._gate2 * S or n.tread_m - ph[TREAD] * k < self._least_tread_m:  # (18)
             return Outcome.REJECTED
         if z * z > USUAL2 * S and not self.stands:
-            # Slip, if by less than the gate: what is too much is the wheels' heading's, and teaches little else. (18)
+            # Slip within the gate: the excess goes to the wheels' heading, and other states learn little from it. (18)
             before = self._p[HH]
             self.add_heading_variance(z * z / USUAL2 - S)
             excess = self._p[HH] - before
@@ -221,7 +221,7 @@ class Filter(State):
             k = z / S
         self._correct(ph, k)
         if not LEAST_LAG_S <= n.wheel_lag_s <= MOST_LAG_S:
-            # In place of a lag that cannot be, the likeliest state with the nearest that can. (30)
+            # In place of an impossible lag, the likeliest state with the nearest possible one. (30)
             column, nearest_s = P[WHEEL_LAG].tolist(), min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
             self._correct(column, (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG])
             n.wheel_lag_s = nearest_s
@@ -236,7 +236,7 @@ class Filter(State):
         return Outcome.ACCEPTED
 
     def _correct(self, column: Sequence[float], k: float) -> None:
-        """Correct each computed quantity by its error, that of `column` times k. (20)"""
+        """Correct each computed quantity by its estimated error, `column` times k. (20)"""
         n = self.nominal
         x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = column
         n.x_m -= x * k
@@ -249,14 +249,14 @@ class Filter(State):
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
-        # Of the pose that the lag leads to, which the lag by itself does not move.
+        # Corrections of the newest pose, ahead by the lag; a change of the lag alone does not move it.
         distance_m = 0.5 * (self._left_m_s + self._right_m_s) * lag
         self.corrected_x_m -= (x + distance_m * cos(n.gyro_heading_rad)) * k
         self.corrected_y_m -= (y + distance_m * sin(n.gyro_heading_rad)) * k
         self.corrected_rad -= (gyro_heading + self.rate_rad_s * lag) * k
 
     def return_variance(self, position_m2: float, heading_rad2: float) -> None:
-        """Return to P what it has lost by comparisons that may have been wrong, see `Memory.corrected`. (18)"""
+        """Return to P the corrections, squared, of comparisons that may be wrong, see `Memory.corrected`. (18)"""
         self.add_position_variance(position_m2)
         self.add_heading_variance(heading_rad2, both=True)
         self.returned_m2, self.returned_rad2 = self.returned_m2 + position_m2, self.returned_rad2 + heading_rad2
@@ -268,7 +268,7 @@ class Filter(State):
 
     @property
     def wheels_rad_s(self) -> float:
-        """The yaw rate of the last step by the wheels."""
+        """Yaw rate of the last step, from the wheels."""
         return (self._right_m_s - self._left_m_s) / self.nominal.tread_m
 
     @property

@@ -1,4 +1,4 @@
-"""Reasons for a pose that is not simply valid: set once, kept with the time since when, cleared when over."""
+"""Reasons for a pose that is not simply valid: set once, kept with the time of onset, cleared when over."""
 
 from drd.samples import Reason, Validity
 

@@ -9,7 +9,7 @@ from drd.estimation.filter import Filter
 from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, TT, WHEEL_LAG, Matrix, X, Y
 from drd.units import NS_PER_S
 
-# Slip is found later than it begins: as long as agreement takes to end the report of it.
+# Slip is detected some time after it begins: this is as long as agreement takes to end the report of it.
 SPAN_NS: Final = 2 * NS_PER_S
 TAUGHT: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, WHEEL_LAG)
 TREAD_OF_TAUGHT, LAG_OF_TAUGHT = TAUGHT.index(TREAD), TAUGHT.index(WHEEL_LAG)
@@ -19,7 +19,7 @@ BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
 
 @dataclass(slots=True)
 class Memory:
-    """The constants at a time, their part of P, and distances and turn until then."""
+    """Snapshot of the constants, their part of P, and distances and turn until then."""
 
     scale_right: float
     scale_left: float
@@ -37,8 +37,8 @@ class Memory:
     returned_rad2: float
 
     def corrected(self, kf: Filter) -> tuple[float, float]:
-        """Squares of what comparisons since then have corrected position, m^2, and heading, rad^2, by; less what P has
-        got back since then.
+        """Squares of the comparisons' corrections since then, of position, m^2, and heading, rad^2, less the variance
+        returned to P since then.
         """
         x_m, y_m = kf.corrected_x_m - self.corrected_x_m, kf.corrected_y_m - self.corrected_y_m
         position_m2 = x_m * x_m + y_m * y_m - (kf.returned_m2 - self.returned_m2)
@@ -57,8 +57,8 @@ class Memory:
 
 
 class Hindsight:
-    """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the distances of
-    moving wheels and the gyro's turn since: what one wheel slips is not in the turn. (18)
+    """Remembers scales, tread and lag as known two to four seconds ago, and sums the distances of moving wheels and
+    the gyro's turn since: slip of one wheel is not in the turn. (18)
     """
 
     def __init__(self) -> None:
@@ -73,14 +73,14 @@ class Hindsight:
         self._turn_rad += turn_rad
 
     def watch(self, kf: Filter, t_ns: int) -> None:
-        """Before a comparison. What was not learned, but given, stays: memory begins anew."""
+        """Update the memory before a comparison. Constants that were set, not learned, restart it."""
         if kf.given != self._given:
             self.begin(kf, t_ns)
         elif t_ns - self._since_ns > SPAN_NS:
             self._then, self._since, self._since_ns = self._since, self.now(kf), t_ns
 
     def begin(self, kf: Filter, t_ns: int) -> None:
-        """Forget the past, which is accounted for."""
+        """Restart the memory: the past is accounted for."""
         self._then, self._since, self._since_ns, self._given = None, self.now(kf), t_ns, kf.given
 
     def now(self, kf: Filter) -> Memory:
@@ -91,7 +91,7 @@ class Hindsight:
         return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad, *corrected)
 
     def from_now(self, kf: Filter, then: Memory) -> Memory:
-        """The constants as known then, for a pose that is set now: what was corrected before is not in it."""
+        """The constants as known then, for a pose that is set now: earlier corrections are not in it."""
         return replace(
             self.now(kf),
             scale_right=then.scale_right,
@@ -108,7 +108,7 @@ class Hindsight:
         return self._then or self._since
 
     def lag_doubt_s2(self, kf: Filter) -> float:
-        """The lag's change meanwhile, squared, and the variance that it has lost: what has taught both may be wrong."""
+        """Square of the lag's change since then plus its loss of variance: the comparisons behind both may be wrong."""
         if (then := self.before) is None:
             return 0.0
         change_s, lost_s2 = kf.nominal.wheel_lag_s - then.lag_s, then.lag_s2 - kf.flat_P[TT]
@@ -120,7 +120,7 @@ class Hindsight:
 
     @property
     def slipped_m(self) -> float:
-        """Error of the middle's travel if one wheel has since travelled what the turn does not explain, m."""
+        """Error of the middle's travel, m, if one wheel is the cause of the difference from the turn since then."""
         return 0.5 * self.apart_m(then) if (then := self.before) is not None else 0.0
 
     def apart_m(self, then: Memory) -> float:
@@ -134,7 +134,7 @@ class Hindsight:
         return self.apart_m(then) / then.tread_m
 
     def take_back(self, kf: Filter, then: Memory | None, t_ns: int) -> None:
-        """Restore the constants and their uncertainty of then: what was taught since is wrong."""
+        """Restore the constants and their uncertainty as of then: what was learned since is wrong."""
         if then is None:
             return
         n, lag_s, rate = kf.nominal, kf.nominal.wheel_lag_s, kf.rate_rad_s
@@ -142,11 +142,11 @@ class Hindsight:
         n.wheel_lag_s = then.lag_s
         n.gyro_heading_rad += rate * (lag_s - then.lag_s)  # as an update does, (30)
         kf.set_tread(then.tread_m)
-        # What the gyro's scale has made of the pose stays its error, which is the same in all turns.
+        # The pose's error due to the gyro's scale stays correlated with it: it is the same in all turns.
         variance = kf.P[GYRO_SCALE, GYRO_SCALE]
         of_scale = {i: kf.P[i, GYRO_SCALE] / variance if variance > 0.0 else 0.0 for i in POSE}
         kf.spread_error(GYRO_SCALE, {i: -share for i, share in of_scale.items()})
-        # The headings have the error of the lag that it had then, in place of the present one's.
+        # In the headings, the lag's error as of then replaces the present one.
         if (variance := kf.P[WHEEL_LAG, WHEEL_LAG]) > 0.0:
             kf.spread_error(WHEEL_LAG, {i: -kf.P[i, WHEEL_LAG] / variance for i in (HEADING, GYRO_HEADING)})
         kf.set_covariance(TAUGHT, then.P)

@@ -1,4 +1,4 @@
-"""Knowledge beside the filter's state: noise, how the robot steers, whether the headings agree."""
+"""Learned knowledge besides the filter's state: noise, kind of steering, agreement of the headings."""
 
 import math
 
@@ -20,7 +20,7 @@ from drd.units import S_PER_NS
 
 
 class Knowledge:
-    """Learned from the comparisons of a track's headings, which `compare` makes. `counters` are the estimator's."""
+    """Learns from the comparisons of a track's headings, made by `compare`. `counters` are the estimator's."""
 
     def __init__(
         self,
@@ -33,9 +33,9 @@ class Knowledge:
     ):
         self._config, self._sigmas, self._stated, self._track = config, sigmas, noise, track
         self._reasons, self._counters = reasons, counters
-        is_learned = config.estimation.profile == "physical"  # the printed Q and R are what they are
+        is_learned = config.estimation.profile == "physical"  # the paper's Q and R are fixed
         self.rest_noise = RestNoise(noise.gyro_rad2_per_s, is_learned)
-        # Turned by the gyro at rest, and not believed; and what of it was taken back before the noise was known.
+        # The gyro's turn at rest that is not believed, and the part of it undone before the noise was known.
         self._unbelieved_rad, self._taken_back_rad = OneSided(), 0.0
         self._count_rad = math.sqrt(12.0 * noise.count_m2) / config.robot.tread_m  # turn by one count of one wheel
         self.wheel_noise = WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential")
@@ -49,7 +49,7 @@ class Knowledge:
         self.wheel_noise.put_into(self._track.kf.noise)
 
     def compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
-        """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
+        """Compare the headings at the end of a gyro sample; at rest, first learn the noise that weights them."""
         track, kf = self._track, self._track.kf
         if wheels.a == wheels.b == 0.0:
             was_known = self.rest_noise.known
@@ -78,20 +78,20 @@ class Knowledge:
                 self.agreement.slip(track, t_ns, 0.0)
 
     def _stand(self, kf: Filter) -> None:
-        """Robot and heading stand, unless wheels may have turned so far between two counts. If they do not, since the
-        wheels are late or slip, both headings are wrong by this. (29)
+        """Undo the gyro's turn at rest, unless wheels may have turned so far between two counts. If the robot does
+        turn, as the wheels are late or slip, both headings are wrong by this. (29)
         """
         part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
         unbelieved_rad, is_known = self._taken_back_rad + part_rad, self.rest_noise.known
         if abs(unbelieved_rad) > self._count_rad:
             kf.add_heading_variance(self._unbelieved_rad.growth_to(unbelieved_rad), both=True)
-        # P has this part with the noise as stated: it is not to teach once the noise is known.
+        # P has this part by the stated noise: it must not teach anything once the noise is known.
         if not kf.is_turned or abs(part_rad) > 2.0 * self._count_rad or is_known:
             self._taken_back_rad += part_rad
             kf.anchor_gyro()
 
     def begin_anew(self) -> None:
-        """Note that the filter has started again: only the gyro's noise is known."""
+        """Restart the filter: only the gyro's noise stays known."""
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
         self._track.alone_rad = 0.0
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)
@@ -142,7 +142,7 @@ class Knowledge:
             self.applied = other.applied
             self.agreement.take_over(other.agreement)
         if not same_wheels:
-            if self.steering.scale < other.steering.scale:  # the path so far is due to the wheels as they were
+            if self.steering.scale < other.steering.scale:  # the path so far was driven with the old wheels
                 kf.add_scale_variance(other.steering.scale, 0.0)
             forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
             kf.add_position_variance(other.steering.wander_m2)
@@ -152,7 +152,7 @@ class Knowledge:
             self.wheel_noise.put_into(kf.noise)
         else:
             self._recall_wheels(other.learned)
-            if self.steering.scale < other.steering.scale:  # nothing will tell any more
+            if self.steering.scale < other.steering.scale:  # it cannot be found out any more
                 kf.add_scale_variance(other.steering.scale, 0.0)
             kf.add_position_variance(other.steering.wander_m2)
         if not same_gyro:
@@ -166,8 +166,8 @@ class Knowledge:
             self._begin_lag(other._config)
 
     def _begin_lag(self, then: Config) -> None:
-        """Samples may be timed otherwise from now on: the lag goes with the gyro's times, and of the wheels' as much of
-        the motion is seen twice, or not at all, as their times are other ones.
+        """Allow for new time stamps: the lag shifts with the gyro's latency, and a change of the wheels' latency makes
+        as much of the motion be seen twice, or not at all.
         """
         track, now = self._track, self._config
         kf, other_s = track.kf, now.encoders.latency_s - then.encoders.latency_s

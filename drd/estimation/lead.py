@@ -22,10 +22,10 @@ def onward(origin: Place, offset: Place) -> Place:
 
 
 class Lead(NamedTuple):
-    """The step from the filter's time to that of the newest samples: the wheels' lag, travel and turn within it. Beside
-    it what P has not: while it is unknown how the robot steers the standard deviation of the scale of all distances,
-    and the variance of x and of y; what the last seconds may have taught of the lag wrongly, the square of what
-    comparisons have corrected the heading by, and for how long no gyro may have seen a turn. (18), (30), (34)
+    """The step from the filter's time to that of the newest samples: the wheels' lag, travel and turn within it. Also
+    uncertainty not in P: while the steering is unknown, the standard deviation of the scale of all distances, and the
+    variance of x and of y; the lag's doubt over the last seconds; the square of the comparisons' corrections of the
+    heading; and for how long no gyro may have seen a turn. (18), (30), (34)
     """
 
     lag_s: float

@@ -1,4 +1,4 @@
-"""Learned values for the health: value, standard deviation, and whether the drive made them observable."""
+"""Learned values for the health report: value, standard deviation, and whether the drive made them observable."""
 
 import math
 from typing import Any, Final
@@ -9,9 +9,9 @@ from drd.estimation.learning import Drive
 from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG
 from drd.estimation.steering import TAPE_PART
 
-# A drive has taught a value where its standard deviation is at most this part of the one at the start.
+# A value counts as learned if its standard deviation is at most this share of the initial one.
 LEARNED_PART: Final = 0.5
-# A learned value so many standard deviations off what was believed is outside its prior.
+# A learned value this many standard deviations from its initial value is outside its prior.
 OUTSIDE_SIGMAS: Final = 3.0
 LEARNED, NOT_YET, OUTSIDE = "learned", "not observable yet", "outside its prior"
 

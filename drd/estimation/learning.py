@@ -1,4 +1,4 @@
-"""Noise that is learned while driving: the gyro's at rest, that of the wheels' turning from the comparisons."""
+"""Noise that is learned while driving: the gyro's at rest, the wheels' from the comparisons."""
 
 import math
 from collections import deque
@@ -11,25 +11,24 @@ from msgspec import Meta
 from drd.estimation.filter import Filter
 from drd.estimation.noise import NoiseProfile, skid_steer
 
-# Means over this long see the gyro's slow noise, too: consecutive samples of MEMS gyros are correlated.
+# Means over this long include the gyro's slow noise: consecutive samples of MEMS gyros are correlated.
 BLOCK_S: Final = 1.0
-# The robot rocks when it has stopped, and begins to move before late wheels say so: this long at either end of a
-# standstill is not used.
+# Not used at either end of a standstill: the robot rocks after it stops, and moves before late wheels show it.
 GUARD_S: Final = 0.5
 # Differences of blocks until the noise counts as known: then within 40 %.
 KNOWN_AFTER: Final = 3
 # Differences of neighbouring means are not independent: n of them are worth two thirds (von Neumann 1941).
 FREEDOM: Final = 2.0 / 3.0
-# Until it is known a cause is taken for as bad as on common ground, with the weight of so many comparisons, and never
-# for worse than so bad that the wheels say nothing; memory ends at so many comparisons: a minute of motion.
+# Initial variance of each cause, as on common ground, with a weight in comparisons; and its limit, where the wheels
+# tell nothing. Memory is limited to a number of comparisons: a minute of motion.
 TRAVEL: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
 TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
 JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
-OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
-TURNED: Final = 100.0  # at rest, where tails are heavier (a motor runs, people climb on), of the variance so far
-WAITING: Final = 20  # comparisons until a drift of the headings would have been found, if large (drift.IN_A_ROW)
-FIRST_COUNTS: Final = 10.0  # what common ground makes weighs as so many comparisons, (31)
-RECALLED_COUNTS: Final = 60.0  # what was learned before a restart: the ground may be another
+OUTLIER: Final = 9.0  # limit of z^2/S: heavy tails must not dominate the noise
+TURNED: Final = 100.0  # times the variance so far; at rest tails are heavier (a motor runs, people climb on)
+WAITING: Final = 20  # comparisons until a large drift of the headings would have been found (drift.IN_A_ROW)
+FIRST_COUNTS: Final = 10.0  # weight of the initial variance, in comparisons, (31)
+RECALLED_COUNTS: Final = 60.0  # weight of what was learned before a restart: the ground may have changed
 MEMORY_COUNTS: Final = 600.0  # a minute of motion at 10 Hz
 
 
@@ -46,8 +45,8 @@ class Drive(Enum):
 
 @dataclass(frozen=True)
 class Learned:
-    """Knowledge to keep over a restart: how the robot steers, and variances, with 0 where nothing was learned; the
-    gyro's is the mean of its squares, before few of them count for more. (29)
+    """Knowledge to keep over a restart: how the robot steers, and variances, 0 if not learned; the gyro's is the plain
+    mean of squares, without the correction for their small number. (29)
     """
 
     drive: str = Drive.UNKNOWN.value
@@ -116,7 +115,7 @@ class RestNoise:
 
     def _take(self, difference_rad_s: float) -> None:
         square = 0.5 * difference_rad_s * difference_rad_s * self._length_s
-        if self.differences and self.is_learned:  # who turns the robot by hand makes no noise
+        if self.differences and self.is_learned:  # a robot turned by hand is no noise
             square = min(square, TURNED * max(self.mean_rad2_per_s, self.stated_rad2_per_s))
         self._sum += square
         self.differences += 1
@@ -124,16 +123,16 @@ class RestNoise:
 
     def _tell(self) -> None:
         if self.is_learned and self.differences:
-            # What so few differences allow is more than their mean: the mean of N^2 given nu degrees of freedom.
+            # Few differences allow more than their mean: the mean of N^2 given nu degrees of freedom.
             mean = FREEDOM * self._sum / max(FREEDOM * self.differences - 2.0, FREEDOM)
             self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
 
 
 class VarianceFactor:
-    """How many times larger the variance of one cause is than stated: maximum likelihood from innovations. (31)
+    """Ratio of the variance of one cause to the stated one, by maximum likelihood from innovations. (31)
 
-    The others' share in S is taken as it is; memory fades. `factor` is from 1 to what makes the variance `largest`;
-    `first`: the variance that is assumed at first, if larger than the stated one.
+    The other causes' share in S is taken as given; memory fades. `factor` is at least 1, and the variance at most
+    `largest`; `first`: the initial variance, if larger than the stated one.
     """
 
     def __init__(self, stated: float, first: float, largest: float):
@@ -143,11 +142,11 @@ class VarianceFactor:
 
     @property
     def is_known(self) -> bool:
-        """Whether innovations weigh more than what was assumed at first."""
+        """Whether innovations outweigh the initial assumption."""
         return self._weight > 2.0 * FIRST_COUNTS
 
     def take(self, share: float, z: float, S: float) -> None:
-        """Add an innovation with its variance, of which `share` is this cause's with the present factor."""
+        """Add an innovation with its variance, of which this cause contributes `share` with the present factor."""
         weight = (share / S) ** 2
         self._sum += weight * (min(z * z, OUTLIER * S) - S + share) * self.factor / share
         self._weight += weight
@@ -179,7 +178,7 @@ class WheelNoise:
     """Noise of the wheels' travel, turning and time, learned from the comparisons, for the filter."""
 
     def __init__(self, noise: NoiseProfile, is_learned: bool = True, is_known: bool = False):
-        """`is_known`: how the robot steers, so that what is stated is believed from the first."""
+        """`is_known`: the steering is known, so that the stated noise holds from the start."""
         self.is_learned, self.stated, self._made_of = is_learned, noise, (noise, is_learned, is_known)
         self._waiting: deque[tuple[float, ...]] = deque()
         stated = (noise.wheel_m2_per_m, noise.turn_rad2_per_rad, noise.jitter_s2)
@@ -194,7 +193,7 @@ class WheelNoise:
 
     @property
     def is_known(self) -> bool:
-        """Whether the comparisons outweigh what is assumed at first."""
+        """Whether the comparisons outweigh the initial assumption."""
         return self.is_learned and self.turn.is_known
 
     def put_into(self, noise: NoiseProfile) -> None:
@@ -215,7 +214,7 @@ class WheelNoise:
         self.jitter.recall(learned.jitter_s2)
 
     def take(self, kf: Filter, is_usual: bool) -> None:
-        """After a comparison that was accepted. Where one is not `is_usual`, those just before teach nothing either."""
+        """Learn from an accepted comparison. One that is not `is_usual` also discards those just before it."""
         if not self.is_learned:
             return
         added = kf.process_noise

@@ -10,7 +10,7 @@ from drd.units import (
     S_PER_H,
 )
 
-# Speeds that a drive holds beat against the bus: 8 ms after a minute.
+# A drive's hold of its speeds beats against the bus: 8 ms after a minute.
 WHEEL_LAG_S_PER_SQRT_S = 0.001
 # Skid-steer: four to six wheels of a Husky or Warthog against lidar, 1 to 10 s windows, on grass and asphalt.
 SKID_WHEEL_M_PER_SQRT_M = 0.01
@@ -42,15 +42,15 @@ class NoiseProfile:
     gyro_bias_rad2_s2_per_s: float = 0.0
     wheel_lag_s2_per_s: float = 0.0
     gyro_bias_restart_rad2_s2: float = 0.0  # once, when the gyro comes back after a silence
-    count_m2: float = 0.0  # of a reading between two counts
+    count_m2: float = 0.0  # quantisation of one reading
     comparison_rad2: float  # R = this + (rate * timing)^2  (25)
     timing_s2: float = 0.0
-    jitter_s2: float = 0.0  # of the wheels' time from one change of speed to the next  (25)
+    jitter_s2: float = 0.0  # of the wheels' time, from one change of speed to the next  (25)
 
 
 def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0, interval_s: float = 0.0) -> NoiseProfile:
-    """The profile of data-sheet numbers; `resolution_m` is one encoder count, `interval_s` the time from one reading of
-    the encoders to the next, in which the speed is taken for constant. (24), (25)
+    """The profile of data-sheet numbers; `resolution_m` is one encoder count, `interval_s` the time between
+    readings of the encoders, in which the speed is assumed constant. (24), (25)
     """
     return NoiseProfile(
         wheel_m2_per_m=noise.wheel_m_per_sqrt_m**2,
@@ -97,7 +97,7 @@ def make_noise(
 
 
 def skid_steer(noise: NoiseProfile, tread_m: float) -> NoiseProfile:
-    """The profile with at least the noise of wheels that have to slip sideways in each turn. (33)"""
+    """The profile with at least the noise of wheels that must slip sideways in each turn. (33)"""
     least = NoiseProfile(
         comparison_rad2=0.0,
         wheel_m2_per_m=SKID_WHEEL_M_PER_SQRT_M**2,

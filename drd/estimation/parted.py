@@ -1,4 +1,4 @@
-"""How far wheels and gyro have turned apart since the gyro is in doubt: both headings may be wrong by so much. (18)"""
+"""Difference between the turns of wheels and gyro while the gyro is in doubt: both headings may be off by it. (18)"""
 
 import math
 
@@ -8,14 +8,14 @@ from drd.estimation.uncertainty import OneSided
 
 
 class Parted:
-    """A doubt of the gyro: `then`, what was known before it, None while there is none."""
+    """A doubt about the gyro; `then`: what was known before it, None without a doubt."""
 
     def __init__(self) -> None:
         self.then: Memory | None = None
         self._covered_rad = OneSided()
 
     def begin(self, then: Memory | None) -> None:
-        """From that memory on the gyro is in doubt; None: no more."""
+        """Doubt the gyro from that memory on; None: end the doubt."""
         self.then = then
         self._covered_rad.forget()
 
@@ -26,9 +26,9 @@ class Parted:
             self.then = track.hindsight.from_now(track.kf, self.then)
 
     def cover(self, track: Track, most_rad: float = math.inf) -> float:
-        """Add what they have parted, `most_rad` at most, beyond the most before to the variances of both headings.
+        """Widen both headings by their difference, `most_rad` at most, as far as it exceeds the largest one before.
 
-        Returns that, rad^2.
+        Returns the variance added, rad^2.
         """
         if self.then is None:
             return 0.0

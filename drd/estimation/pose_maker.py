@@ -37,7 +37,7 @@ class PoseMaker:
         has_gyro = gyro_interval_s is not None
         interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
         speed_m_s, rate_rad_s = track.speed_m_s, track.rate_rad_s
-        # Where the gyro's last sample ends before the wheels' one does, they tell the turn, and may slip.
+        # Where the gyro's last sample ends before the wheels' does, the turn is the wheels', which may slip.
         turning_rad_s = max(rate_rad_s, kf.wheels_rad_s if track.no_gyro_s else 0.0, key=abs)
         covariance = covariance_after(kf, lead, speed_m_s, turning_rad_s, heading_rad)
         bound_m = position_bound_m(covariance)
@@ -47,7 +47,7 @@ class PoseMaker:
         noise = kf.noise
         speed_sigma = speed_sigma_m_s(kf, noise, speed_m_s, wheel_interval_s)
         rate_sigma = rate_sigma_rad_s(kf, noise, rate_rad_s, interval_s, has_gyro)
-        # In the order of its fields: by their names it takes twice as long.
+        # Positional: keyword arguments take twice as long.
         return Pose(
             t_ns if t_ns > track.t_ns else track.t_ns,
             sequence,

@@ -36,7 +36,7 @@ RATE_ERROR_CORRELATION_S: Final = 20.0
 
 
 class ProcessNoise:
-    """Q of the last step, and what the steps since the last comparison have added to the wheels' heading.
+    """Q of the last step, and the variances added to the wheels' heading since the last comparison.
 
     `distance_rad2`, `turn_rad2`, `jitter_rad2`: the variances of the wheels' travel, of their turns, and of (25).
     """
@@ -93,7 +93,7 @@ class ProcessNoise:
         q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
 
     def fill_gyro(self, k: NoiseProfile, dt_s: float, rate_sigma: float, rate_rad_s: float) -> None:
-        """Map the noise of the gyro, of which the calibration knows `rate_sigma`, rad/s, and the lag's walk into Q."""
+        """Map the gyro's noise, with the calibration's `rate_sigma`, rad/s, and the lag's random walk into Q."""
         q = self._q
         # While the robot turns, the gyro's heading at the wheels' time goes with the lag. (30)
         lag_walk = k.wheel_lag_s2_per_s * dt_s * self._estimates_lag

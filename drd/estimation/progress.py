@@ -24,8 +24,8 @@ MOST_JITTER_NS = NS_PER_S // 1000  # of intervals, which are rounded
 class Progress:
     """The samples that the track has not used up yet, and the times that it waits for.
 
-    `preview` becomes a copy of the track, to look ahead. `pose_ns`, `told`: time and place of the last pose, which
-    commands are about. `is_stalled`: nothing that waits is given up. `counters` are the estimator's.
+    `preview` becomes a copy of the track, to look ahead. `pose_ns`, `told`: time and place of the last pose, to which
+    commands refer. `is_stalled`: no pending sample is given up. `counters` are the estimator's.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Progress:
         counters: dict[str, int],
     ):
         self.track, self._preview = track, preview
-        preview.kf.noise = track.kf.noise  # what is learned of it holds for both
+        preview.kf.noise = track.kf.noise  # shared, since it is learned
         self._silence, self._corrections, self._bias, self._knowledge = silence, corrections, bias, knowledge
         self._counters = counters
         self._has_gyro = config.fog.protocol != "none"
@@ -97,15 +97,15 @@ class Progress:
             return False
         self._silence.wheels_ns, self.wheel_interval_s = sample.t_ns, sample.interval_s
         self._stall.turns((right_m_s - left_m_s) / track.kf.nominal.tread_m)
-        if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
+        if sample.lost_s > 0.0:  # unseen motion may have been as fast as that before or after
             track.speed_m_s = max(abs(track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
         return True
 
     def _go_over_gap(self, sample: WheelSample) -> None:
-        """Move the pose on by what the counters tell of a gap, along the gyro's heading in the middle of it. (36)
+        """Move the pose on by the counters' travel in a gap, along the gyro's heading in the middle of it. (36)
 
-        What was added for the gap stays: how the way was made is not known, and a counter may have begun anew. No
-        longer way is believed, and none where the pose was set meanwhile.
+        The variance added for the gap stays: the path is unknown, and a counter may have restarted. Travel beyond
+        that variance is not believed, and none if the pose was set meanwhile.
         """
         track, n, begin_ns = self.track, self.track.kf.nominal, sample.t_ns - round(sample.interval_s * NS_PER_S)
         was_set = self.wheels.end_ns > begin_ns - round(sample.lost_s * NS_PER_S) + MOST_JITTER_NS
@@ -126,14 +126,14 @@ class Progress:
     def advance(self, now_ns: int = 0) -> None:
         """Step the filter to the newest time up to which both sensors are known, or have had time to report.
 
-        `now_ns`: the wheels have had their time, too, if they are that much older.
+        `now_ns`: at this time, wheels whose wait is over are given up, too.
         """
         track, again = self.track, self.track.t_ns > 0
         while again and (end_ns := self._known_until_ns(now_ns)) > track.t_ns:
             again = self._run_until(end_ns)
 
     def give_up_wheels(self, now_ns: int) -> None:
-        """Go on without wheels that have had their time; before that only samples bring something new."""
+        """Advance without wheels whose wait is over; before that, only samples bring anything new."""
         if self.track.t_ns < now_ns - self._wheel_wait_ns:
             self.advance(now_ns)
 
@@ -143,7 +143,7 @@ class Progress:
             # A sample of the gyro is not late before its interval is over.
             wait_ns = self._reorder_ns + round(self.gyro_interval_s * NS_PER_S)
             wait_ns += self._corrections.further_wait_ns + max(-lag_ns, 0)  # a late gyro
-            # Where the lag has grown, the gyro's next sample tells of the time that is seen twice.
+            # Where the lag has grown, the gyro's next sample covers the time that is seen twice.
             unused = self.gyro.end_ns > self.track.gyro_ns
             both_ns = min(end_ns, self.gyro.end_ns + lag_ns if unused else self.track.t_ns)
             end_ns = both_ns if self.is_stalled else max(both_ns, end_ns - wait_ns)
@@ -159,7 +159,7 @@ class Progress:
     # ---- ahead of the track ------------------------------------------------------------------------------------
 
     def look_ahead(self, t_ns: int) -> Track:
-        """The track, or a copy of it that is carried on through the samples that wait for their partner."""
+        """The track, or a copy of it advanced through the samples that wait for the other sensor."""
         if self.track.t_ns >= t_ns:
             return self.track
         self._preview.copy_from(self.track)
@@ -168,7 +168,7 @@ class Progress:
         return self._preview
 
     def lead(self, track: Track, with_gyro: bool = True) -> Lead:
-        """From the time that the wheels' newest samples are about to the time at which they came. (30)"""
+        """The step from the time that the wheels' newest samples describe to their arrival. (30)"""
         steering, seen, lag_ns = self._knowledge.steering, self.track.hindsight, track.lag_ns
         (corrected_m2, corrected_rad2), doubt_s2 = seen.corrected(self.track.kf), seen.lag_doubt_s2(self.track.kf)
         wander_m2 = steering.wander_m2 + seen.slipped_m**2 + corrected_m2
@@ -181,7 +181,7 @@ class Progress:
         n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
         if self.gyro.segments:
             turn_rad = n.gyro_scale * self.gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
-        else:  # the newest is used up: as fast as in it
+        else:  # the newest is used up: its rate is held
             turn_rad = track.rate_rad_s * lag_s
         return none._replace(lag_s=lag_s, distance_m=track.speed_m_s * lag_s, turn_rad=turn_rad)
 
@@ -191,7 +191,7 @@ class Progress:
         return self.lead(preview).onward(preview.kf)
 
     def moved(self) -> Place:
-        """The travel since the last pose, which commands are about: samples may have come that brought none."""
+        """Travel since the last pose, to which commands refer: later samples may have brought no pose."""
         if self.track.t_ns and self._silence.wheels(self.pose_ns):
             while self.track.t_ns < self.pose_ns:  # nothing to wait for any more
                 self._run_until(self.pose_ns)
@@ -200,15 +200,15 @@ class Progress:
         return seen_from(self.told, self.newest())
 
     def set_pose(self, asked: Place, moved: Place, sigma_m: float, sigma_rad: float) -> None:
-        """Take a pose from outside for the last one, since which the robot has moved so."""
+        """Replace the last pose by one from outside; the robot has moved by `moved` since."""
         track, kf, self.told = self.track, self.track.kf, asked
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
         kf.move(self.newest(), onward(asked, moved))
         self._knowledge.pose_was_set()
         track.uncertain_heading.forget()
         self._stall.pose_was_set(track)
-        self.wheels.end_ns = max(self.wheels.end_ns, track.t_ns)  # what passed unseen is not caught up with
-        # The filter's pose is older: its error has the wheels' travel and turn since then, too.
+        self.wheels.end_ns = max(self.wheels.end_ns, track.t_ns)  # no catching up with unseen motion
+        # The filter's pose is older: its error includes that of the wheels' travel and turn since then.
         between = self._covariance_from_now()
         covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
         # And that of the lead: a share of the lag's error, and the rest of its mean square. (30)

@@ -20,7 +20,7 @@ class Silence:
         self.wheels_ns = 0
         # The wheels were silent for so long that the pose was invalid; only a pose from outside mends that.
         self.was_lost = False
-        # Until then there is nothing to tell, as long as the samples only go on.
+        # Until then nothing changes as long as samples arrive.
         self._calm_until_ns = 0
 
     def begin(self, now_ns: int) -> None:

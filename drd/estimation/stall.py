@@ -1,4 +1,4 @@
-"""A gyro that has lost packets while the host stood still. (18)"""
+"""Loss of gyro packets while the host was stalled. (18)"""
 
 from typing import Final
 
@@ -8,14 +8,14 @@ from drd.estimation.track import Track
 from drd.samples import CalibratedRate
 from drd.units import NS_PER_S
 
-BEHIND: Final = 0.5  # of an interval, between what jitter makes of a gyro that has lost nothing and one lost packet
-# A gyro that is behind after that was not held up by the stall: its clock is measured anew from eight arrivals.
+BEHIND: Final = 0.5  # of an interval: halfway between jitter without a loss and one lost packet
+# A gyro still behind after this was not held up by the stall: its clock is measured again from eight arrivals.
 DOUBT_NS: Final = 2 * NS_PER_S
 
 
 class Stall:
-    """Where packets have no numbers nobody knows which part of the turn was lost, nor that any was, until the gyro's
-    times are behind the wheels' and go on after a gap. No more is lost than the fastest turn times that.
+    """Doubt about a gyro without packet numbers after a stall: a loss shows only when its times are behind the wheels'
+    or go on after a gap. The lost turn is at most the fastest yaw rate times that.
     """
 
     def __init__(self, config: Config) -> None:
@@ -30,7 +30,7 @@ class Stall:
             self._fastest_rad_s = max(self._fastest_rad_s, abs(rate_rad_s))
 
     def gyro(self, track: Track, rate: CalibratedRate, gap_s: float, behind_s: float, is_stalled: bool) -> None:
-        """A sample of the gyro, after a gap (0: none), so far behind the wheels' newest."""
+        """Take a gyro sample, after a gap (0: none), `behind_s` older than the wheels' newest."""
         if self._is_numbered:
             return
         if is_stalled and self._parted.then is None:

@@ -17,7 +17,7 @@ CREEP_COUNTS = 2.5
 # Readings kept while the encoders are silent.
 PENDING = 4096  # four seconds at 1 kHz
 DEFAULT_DURATION_S = 10.0  # N = 0.1 deg/sqrt(h) then leaves 1.9 deg/h, (28)
-# No bias that was known moves by more, over the temperatures of a MEMS gyro; a fibre-optic one's by a thousandth of it.
+# Largest change of a known bias, over the temperatures of a MEMS gyro; a fibre-optic one's is a thousandth of it.
 MOST_CHANGE_RAD_S = 1.0 * RAD_PER_DEG
 TURN_SIGMAS = 5.0  # of a reading's noise beyond that
 
@@ -56,13 +56,13 @@ class Standstill:
 class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (28)
 
-    `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more. `turned`: the
+    `active`: the gyro's samples are needed here. `is_settled`: there is nothing more to report. `turned`: the
     gyro turned while the wheels stood. `is_known`: a bias was measured, or known from before a restart.
     """
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
         self._config, self.rest_noise = static_bias, rest_noise
-        # Skipped before a mission, it can still be asked for.
+        # Skipped before a mission, it can still be requested.
         self.duration_s = static_bias.duration_s or DEFAULT_DURATION_S
         self.state = BiasState.WAITING
         self.bias_rad_s = self.sigma_rad_s = self.averaged_s = 0.0
@@ -85,7 +85,7 @@ class BiasMeasurement:
     def restart(self, known_rad_s: float | None = None) -> None:
         """Begin (again), also when the configuration skips the measurement before the mission.
 
-        `known_rad_s`: the bias so far. Readings that no bias makes of it end the measurement: the robot is turned.
+        `known_rad_s`: the bias so far. Readings that no change of it explains end the measurement: the robot turns.
         """
         self.state, self._known_rad_s, self.turned = BiasState.WAITING, known_rad_s, False
         self._pending: deque[CalibratedRate] = deque(maxlen=PENDING)
@@ -101,7 +101,7 @@ class BiasMeasurement:
             self.turned = self.turned or change_rad_s > MOST_CHANGE_RAD_S + TURN_SIGMAS * noise_rad_s
 
     def wheels(self, sample: WheelSample, still: bool) -> None:
-        """What the encoders say about the time of one of their samples."""
+        """Take a wheel sample, and whether it confirms a standstill."""
         if self.turned:
             self._finish(BiasState.SHORT)
             return
@@ -111,7 +111,7 @@ class BiasMeasurement:
             rate = self._pending.popleft()
             began_ns = rate.t_ns - round(rate.interval_s * NS_PER_S)
             if self._still_since_ns is None or began_ns < self._still_since_ns + GUARD_NS:
-                continue  # nobody has said that the robot stood then
+                continue  # a standstill at that time is not confirmed
             self._sum_rad += rate.rate_rad_s * rate.interval_s
             self._sum_s += rate.interval_s
             self.rest_noise.add(rate.rate_rad_s, rate.interval_s)
@@ -146,7 +146,7 @@ class BiasMeasurement:
             reasons.set("bias", text, t_ns)
 
     def watch(self, reasons: Reasons, sigma_rad_s: float, now_ns: int) -> None:
-        """Between two samples of the wheels. `sigma_rad_s`: how well the filter knows the bias."""
+        """Update the reason between two wheel samples. `sigma_rad_s`: deviation of the filter's bias."""
         if not reasons.has("bias"):
             if self.active:
                 self.tell(reasons, now_ns)

@@ -23,11 +23,11 @@ GYRO_BIAS: Final = 8  # rad/s
 WHEEL_LAG: Final = 9  # s
 SLIP: Final = 10  # s, sideways
 N: Final = 11
-# Flat positions in an N x N matrix: the variances, and what is asked for often.
+# Flat positions in an N x N matrix: the variances, and covariances that are read often.
 (XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
 XY, RL = X * N + Y, SCALE_R * N + SCALE_L
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
-# Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
+# Variances that mean "unknown". Without a limit, a long time unseen makes P so large that R is rounding noise.
 HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
 POSITION_UNKNOWN_M2: Final = 1e8
 
@@ -56,9 +56,9 @@ class Nominal:
     gyro_heading_rad: float = 0.0
     gyro_scale: float = 1.0
     gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
-    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro; negative: the gyro is late
+    wheel_lag_s: float = 0.0  # delay of the wheels relative to the gyro; negative: the gyro is late
     slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
-    origin_x_m: float = 0.0  # where the path began that the position is due to
+    origin_x_m: float = 0.0  # start of the path that led to the position
     origin_y_m: float = 0.0
 
 
@@ -72,16 +72,16 @@ class Sigmas:
     tread_m: float
     gyro_scale: float  # 0 leaves the gyro's scale out: the paper's variant for a calibrated gyro
     gyro_bias_rad_s: float
-    wheel_lag_s: float = 0.0  # 0 leaves the lag out: a robot without a gyro cannot tell it
-    slip_s: float = 0.0  # no sensor tells it: considered in P, never corrected
-    scale_difference: float = 0.0  # right less left, beyond what `wheel_scale` has of it
+    wheel_lag_s: float = 0.0  # 0 leaves the lag out: without a gyro it is not observable
+    slip_s: float = 0.0  # not observable: considered in P, never corrected
+    scale_difference: float = 0.0  # right less left, in addition to `wheel_scale`
 
 
 class State:
     """Computed quantities with the covariance P of their errors, (N, N). (8), (15)
 
-    `given`: how often constants or their variances have come from elsewhere than a comparison. `rate_rad_s`: the yaw
-    rate of the last step, from both sensors. `pose_heading`: which of the two headings is the pose's.
+    `given`: how often constants or their variances were set by anything but a comparison. `rate_rad_s`: the yaw rate
+    of the last step, from both sensors. `pose_heading`: which of the two headings is the pose's.
     """
 
     def __init__(self, tread_m: float, sigmas: Sigmas, along_gyro: bool):
@@ -117,12 +117,12 @@ class State:
         np.copyto(self.P, other.P)
 
     def anchor_gyro(self) -> None:
-        """The gyro was not there: its heading continues from the wheels' and shares their error. (35)"""
+        """Continue the heading of a gyro that was absent from the wheels', sharing their error. (35)"""
         self.nominal.gyro_heading_rad = self.nominal.heading_rad
         self._copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
-        """The wheels were not there: their heading continues from the gyro's and shares its error. (35)"""
+        """Continue the heading of wheels that were absent from the gyro's, sharing its error. (35)"""
         self.nominal.heading_rad = self.nominal.gyro_heading_rad
         self._copy_error(GYRO_HEADING, HEADING)
 
@@ -131,11 +131,11 @@ class State:
         self.P[:, target] = self.P[:, source]
 
     def turn_by_gyro_alone(self, turn_rad: float) -> None:
-        """Where the wheels stood, or were not there, F was taken at no turn: what the gyro's scale made of it. (15)"""
+        """Add the scale error of a turn seen by the gyro alone: without moving wheels F was taken at no turn. (15)"""
         self.spread_error(GYRO_SCALE, {GYRO_HEADING: turn_rad / self.nominal.gyro_scale})
 
     def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """Each state's error grows by its share of that of `source`; a share of its own is what is left of it."""
+        """Add to each state's error its share of that of `source`; the share of `source` itself is what remains."""
         T = np.eye(N)
         for i, share in shares.items():
             T[i, source] = share
@@ -157,8 +157,8 @@ class State:
         self._p[BB] += variance_rad2_s2
 
     def add_scale_variance(self, common: float, difference: float) -> None:
-        """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
-        one against the other. (34)
+        """Widen the scales of the wheels: their common part, with which position and tread vary, and their
+        difference. (34)
         """
         self.given += 1
         n, g = self.nominal, np.zeros(N)
@@ -175,7 +175,7 @@ class State:
         self._p[DD] += variance_m2
 
     def tell_turn_anew(self, turn_rad: float, tread_m: float) -> None:
-        """A turn that the wheels alone have told, with a tread that was just corrected: it goes with 1/D. (34)"""
+        """Rescale a turn measured by the wheels alone by 1/D, after the tread D was corrected. (34)"""
         n = self.nominal
         share = tread_m / n.tread_m
         beyond_rad = turn_rad * (share + 1.0 / share - 2.0)
@@ -184,7 +184,7 @@ class State:
         self.spread_error(TREAD, {HEADING: slope, GYRO_HEADING: slope})
 
     def add_lag_variance(self, variance_s2: float) -> None:
-        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (30)"""
+        """Widen the lag and, while the robot turns, the headings at the wheels' time that vary with it. (30)"""
         self.given += 1
         g = np.zeros(N)
         g[WHEEL_LAG], g[GYRO_HEADING], g[HEADING] = 1.0, -self.rate_rad_s, -self.rate_rad_s
@@ -195,7 +195,7 @@ class State:
         self.P[SLIP, SLIP] += variance_s2
 
     def forget_slip(self) -> None:
-        """The robot does not slip sideways, nor has it done so: P given that this error is none. (33)"""
+        """Condition P on zero sideways slip, now and in the past. (33)"""
         column = self.P[SLIP].tolist()
         if (variance := column[SLIP]) > 0.0:
             self.spread_error(SLIP, {i: 0.0 if i == SLIP else -column[i] / variance for i in range(N)})
@@ -211,13 +211,13 @@ class State:
         self._copy_error(HEADING, GYRO_HEADING)
 
     def lead_to_pose(self, speed_m_s: float, rate_rad_s: float) -> None:
-        """The pose that was set is ahead of the filter's own by the lag, whose error is in both from now on. (30)"""
+        """Correlate the filter's pose with the lag, by which the pose that was set is ahead of it. (30)"""
         n = self.nominal
         dx, dy = -speed_m_s * cos(n.heading_rad), -speed_m_s * sin(n.heading_rad)
         self.spread_error(WHEEL_LAG, {X: dx, Y: dy, HEADING: -rate_rad_s, GYRO_HEADING: -rate_rad_s})
 
     def move(self, there: tuple[float, float, float], here: tuple[float, float, float]) -> None:
-        """Turn and shift the plane a little, so that a pose (x, y in m, heading in rad) `there` comes to be `here`."""
+        """Turn and shift the plane so that the pose (x, y in m, heading in rad) `there` becomes `here`."""
         n, turned = self.nominal, here[2] - there[2]
         c, s, dx_m, dy_m = cos(turned), sin(turned), n.x_m - there[0], n.y_m - there[1]
         n.x_m, n.y_m = here[0] + c * dx_m - s * dy_m, here[1] + s * dx_m + c * dy_m
@@ -231,11 +231,11 @@ class State:
         self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
 
     def set_tread(self, tread_m: float) -> None:
-        """Take a tread that no comparison has changed: its error in metres stays what P has."""
+        """Set the tread other than by a comparison: P keeps its error in metres."""
         self.nominal.tread_m = self._last_tread_m = tread_m
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
-        """Take an estimate from elsewhere."""
+        """Set the whole estimate."""
         self.given += 1
         self.nominal = replace(nominal)
         self.set_tread(nominal.tread_m)

@@ -13,19 +13,19 @@ from drd.estimation.learning import Drive, Learned, WheelNoise
 from drd.estimation.noise import SKID_LATERAL_M_PER_SQRT_M, SKID_TURN_M_PER_SQRT_RAD
 from drd.estimation.state import LL, RL, RR, SLIP, TREAD
 
-# A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
-# whose standard deviation is so large a part of it, since tyres are wide.
+# A tread this many standard deviations off, of estimate and tape measure together, is not that of two wheels. The
+# tape's relative standard deviation: tyres are wide.
 TAPE_SIGMAS: Final = 3.0
 TAPE_PART: Final = 0.05
-# However well other drives tell them, tyres and ground of the next day differ by so much.
+# However well they are known from other drives, tyres and ground differ by this much on the next day.
 LEAST_KNOWN: Final = {"wheel_scale": WHEEL_SCALE, "tread": MEASURED_TREAD}
-# Skid-steer robots have 1.0 to 2.0 of the measured tread: no slip in turns makes it less, none so much more.
+# Skid-steer robots have 1.0 to 2.0 times the measured tread: slip in turns makes it no less, and not this much more.
 MOST_EFFECTIVE: Final = 2.5
 
 
 def as_modelled(config: Config, model: Compensation) -> Config:
-    """The configuration with the drive that a model's effective tread tells, which what takes it off hides (34), and
-    with the model's standard deviations of the states, where they are smaller. (40)
+    """The configuration with the drive that a model's effective tread implies, which compensation hides (34), and with
+    the model's standard deviations of the states, where they are smaller. (40)
     """
     if config.robot.drive == "auto" and abs(model.relative_tread - 1.0) > TAPE_SIGMAS * TAPE_PART:
         config = replace(config, robot=replace(config.robot, drive="skid"))
@@ -39,10 +39,10 @@ def as_modelled(config: Config, model: Compensation) -> Config:
 
 
 class Steering:
-    """The kind of drive, as stated or found out. (34)
+    """The kind of steering, as stated or detected. (34)
 
-    While it is unknown, P has not what skid steering would add: `scale` is the standard deviation of the scale of all
-    distances beyond it, `wander_m2` the variance of x and of y.
+    While it is unknown, P lacks what skid steering would add: `scale`, the standard deviation of the scale of all
+    distances, and `wander_m2`, the variance of x and of y.
     """
 
     def __init__(self, config: Config, wheel_noise: WheelNoise):
@@ -53,17 +53,17 @@ class Steering:
         if is_stated_skid(config):
             self._found_skid()
         elif self._is_stated or config.fog.protocol == "none":
-            self.drive = Drive.DIFFERENTIAL  # nothing could tell
+            self.drive = Drive.DIFFERENTIAL  # nothing could show another
         elif config.estimation.initial.wheel_scale is None:
             self.scale = SKID_SCALE
 
     def begin(self, kf: Filter) -> None:
-        """Until it is known how the robot steers, it may slip sideways. (34)"""
+        """Allow sideways slip while the kind of steering is unknown. (34)"""
         if self.drive is Drive.UNKNOWN and self._initial.slip_s is None and not kf.sigma(SLIP):
             kf.add_slip_variance(SKID_SLIP_S**2)
 
     def watch(self, kf: Filter) -> bool:
-        """After a comparison: the gyro may have shown by now which tread is effective. False: one that no robot has."""
+        """Decide after a comparison, if the effective tread is known by now. False: it is one that no robot has."""
         if self.drive is not Drive.UNKNOWN:
             return True
         self._wander(kf)
@@ -75,7 +75,7 @@ class Steering:
             if self.scale:
                 kf.add_scale_variance(SKID_SCALE, 0.0)
             kf.add_position_variance(self.wander_m2)
-            # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
+            # The lag so far was learned with a wrong tread: F, being linear, lacks their product.
             kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
         elif abs(off_m) + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m and self._has_wheels_alike(kf):
@@ -85,14 +85,14 @@ class Steering:
         return True
 
     def _has_wheels_alike(self, kf: Filter) -> bool:
-        """Else the one slips, or the robot does; nominal radii do not differ so."""
+        """Whether the radii agree as nominal ones do; else one wheel slips, or the robot does."""
         n, p = kf.nominal, kf.flat_P
         nominal, variance = 2.0 * (self._initial.wheel_scale or WHEEL_SCALE) ** 2, p[RR] + p[LL] - 2.0 * p[RL]
-        is_known = variance < nominal  # turns on the spot tell nothing of it
+        is_known = variance < nominal  # turns on the spot do not show it
         return is_known and (n.scale_right - n.scale_left) ** 2 < TAPE_SIGMAS**2 * (nominal + variance)
 
     def _wander(self, kf: Filter) -> None:
-        """Add what turning and driving since the last comparison would have made of skid steering."""
+        """Add the variance that skid steering would have caused since the last comparison."""
         now = (kf.nominal.x_m, kf.nominal.y_m, kf.nominal.gyro_heading_rad)
         x_m, y_m, turn_rad = seen_from(self._last or now, now)
         self._last = now
@@ -100,7 +100,7 @@ class Steering:
         self.wander_m2 += SKID_LATERAL_M_PER_SQRT_M**2 * math.hypot(x_m, y_m)
 
     def pose_was_set(self) -> None:
-        """The path that P is due to begins anew."""
+        """Restart the path that led to P."""
         self._last, self.wander_m2 = None, 0.0
 
     def _decide(self, drive: Drive) -> None:
@@ -111,7 +111,7 @@ class Steering:
         self._wheel_noise.skids(self._robot.tread_m)
 
     def recall(self, learned: Learned) -> None:
-        """Go on with what was found out before, also where the gyro that told is there no more; P has it already."""
+        """Continue with the earlier decision, even without the gyro that showed it; P includes it already."""
         drive = Drive(learned.drive)
         if self._is_stated or drive in (Drive.UNKNOWN, self.drive):
             return

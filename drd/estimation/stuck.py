@@ -3,20 +3,20 @@
 import math
 from typing import Final
 
-# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
+# A working gyro does not repeat a reading this often: its noise is about its last digit, or more.
 STUCK_READINGS: Final = 10
 
 
 class Stuck:
-    """`repeats`: how often the last reading has come again. `found`: that it is stuck, until it says something else."""
+    """`repeats`: how often the last reading was repeated. `found`: the gyro is stuck, until its reading changes."""
 
     def __init__(self) -> None:
         self._rate_rad_s = self._angle_rad = math.nan
         self.repeats, self.found = 0, False
 
     def take(self, rate_rad_s: float, interval_s: float, disagrees: bool) -> bool:
-        """Take note of a reading, and whether wheels and gyro disagree. True where this one shows that it is stuck."""
-        # It says rates or angles; the other one has the error of the interval's length.
+        """Take a reading, and whether wheels and gyro disagree. True if it shows the gyro to be stuck."""
+        # The gyro reports rates or angles; the converted quantity varies with the interval's length.
         angle_rad = rate_rad_s * interval_s
         again = _is_same(rate_rad_s, self._rate_rad_s) or _is_same(angle_rad, self._angle_rad)
         self._rate_rad_s, self._angle_rad = rate_rad_s, angle_rad

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from drd.units import NS_PER_S
 
-# More than any wait for the other sensor holds at 1 kHz; the oldest go first.
+# More than arrive at 1 kHz during any wait for the other sensor; the oldest are dropped first.
 KEPT = 4096
 
 
@@ -53,7 +53,7 @@ class Stream:
         return True
 
     def integral(self, start_ns: int, end_ns: int) -> float:
-        """The first output's integral over that time; before and after the segments it is taken as at their ends."""
+        """Integral of the first output over that time; outside the segments it is held at its value at their ends."""
         total, t_ns, rate = 0.0, start_ns, 0.0
         for segment in self.segments:
             if segment.end_ns <= t_ns:
@@ -78,8 +78,8 @@ def pieces(
 ) -> Iterator[Piece]:
     """Cut [start, end] at every segment's start and end, and say for each piece which segments cover it.
 
-    The gyro's segments are taken `lag_ns` later, as late as the wheels are. Where that has grown since the gyro's
-    time `used_ns`, the first of them begins earlier: the robot's turn was seen without a hole.
+    The gyro's segments are shifted later by `lag_ns`, the wheels' lag. Where that has grown since the gyro's time
+    `used_ns`, the first of them begins earlier: the robot's turn was seen without a gap.
     """
     t_ns, seen_ns = start_ns, used_ns + lag_ns
     w, g = iter(wheels.segments), iter(gyro.segments)

@@ -21,9 +21,9 @@ from drd.estimation.uncertainty import (
 from drd.units import NS_PER_S, S_PER_NS
 
 STILL = Segment(0, 0, 0.0, 0.0)
-# An older rate of the gyro tells less than the wheels' newest: it may be off by 0.25 rad/s, (36).
+# An older gyro rate is worse than the wheels' newest: it may be off by 0.25 rad/s, (36).
 MOST_HELD_S: Final = 0.5
-# Late wheels turn the pose in no more of the times in which the gyro was away: these are kept while wheels are awaited.
+# Most intervals without a gyro, in which late wheels turn the pose, that are kept while wheels are awaited.
 MOST_SPANS: Final = 256
 
 
@@ -31,8 +31,8 @@ MOST_SPANS: Final = 256
 class Track:
     """The filter, the time that it has reached, and its unseen motion.
 
-    `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's. `gyro_heading`: the
-    heading is the gyro's, wherever there is one.
+    `no_gyro_after_s`: how long the last rate of a silent gyro is held as the robot's. `gyro_heading`: the heading is
+    the gyro's, wherever there is one.
     """
 
     kf: Filter
@@ -48,7 +48,7 @@ class Track:
     no_gyro_s: float = 0.0
     seen_heading_rad: float = 0.0  # where the wheels were seen last
     reading_ns: int = 0  # end of the wheels' newest reading
-    # The turn that only the wheels have told, since the pose was set, and with which tread.
+    # The turn measured by the wheels alone since the pose was set, and the tread it was computed with.
     alone_rad: float = 0.0
     alone_tread_m: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
@@ -58,7 +58,7 @@ class Track:
     _regained_rad: float = 0.0
     _lag_s: float = 0.0  # of `lag_ns`
     _lag_ns: int = 0
-    # The wheels' heading stands rejected by this much, and is not yet released.
+    # Difference by which the wheels' heading is rejected, and not yet released.
     rejected_rad: float = 0.0
     hindsight: Hindsight = field(default_factory=Hindsight)
     uncertain_heading: UncertainHeading = field(default_factory=UncertainHeading)
@@ -83,7 +83,7 @@ class Track:
         on_gyro_end: Callable[[int, Segment, Segment], None] | None = None,
     ) -> bool:
         """Step to `end_ns`; `on_gyro_end` is called with time, wheels and gyro where a gyro sample ends and the wheels
-        are known. True: the run ended where that changed the lag, since the gyro's rates are due at other times then.
+        are known. True: the run stopped early, as that changed the lag and so the times of the gyro's rates.
         """
         lag_ns = self.lag_ns
         for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns, self.gyro_ns):
@@ -109,21 +109,21 @@ class Track:
 
     @property
     def lag_ns(self) -> int:
-        """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (30)"""
+        """Estimated lag of the wheels behind the gyro, by which the gyro's rates are delayed. (30)"""
         lag_s = self.kf.nominal.wheel_lag_s
-        if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
+        if lag_s != self._lag_s:  # read many times between two comparisons, which alone change it
             self._lag_s = lag_s
             self._lag_ns = round(lag_s * NS_PER_S)
         return self._lag_ns
 
     def lag_changed(self, by_s: float) -> None:
-        """Somebody has changed the lag: what of the turn is seen twice, or left out, is put right in the next step."""
+        """Note a change of the lag: the next step corrects the part of the turn that is seen twice or left out."""
         self._regained_s += by_s
         self._regained_rad += self.kf.rate_rad_s * by_s
 
     def catch_up(self, left_m_s: float, right_m_s: float, start_ns: int, end_ns: int) -> None:
-        """Move the pose on by the part of a sample that passed unseen because it came too late; it turns in the times
-        without a gyro. What (36) has added for it stays.
+        """Move the pose on by the part of a sample that came too late, with its turn in the times without a gyro. The
+        variance that (36) has added stays.
         """
         n, blind_ns = self.kf.nominal, 0
         self.blind_spans = tuple(span for span in self.blind_spans if span[1] > start_ns)
@@ -136,7 +136,7 @@ class Track:
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
     def tell_turn_anew(self) -> None:
-        """A comparison may have changed the tread: what the wheels alone have told is told with the new one. (34)"""
+        """Rescale the turn measured by the wheels alone if a comparison has changed the tread. (34)"""
         tread_m = self.kf.nominal.tread_m
         if self.alone_rad and tread_m != self.alone_tread_m:
             self.kf.tell_turn_anew(self.alone_rad, self.alone_tread_m)
@@ -188,14 +188,14 @@ class Track:
             self._unseen(start_ns, end_ns, without_gyro=gyro is None)
 
     def _regained_turn_rad(self, rates: Stream, from_ns: int) -> float:
-        """What the gyro says of the time that is seen twice, at the rate of the step, or, negative, is left out."""
+        """The gyro's turn in the time that is seen twice, at the step's rate; negative: that is left out."""
         if self._regained_s > 0.0:
             return self.rate_rad_s * self._regained_s
         n = self.kf.nominal
         return n.gyro_bias_rad_s * self._regained_s - n.gyro_scale * rates.integral(self.gyro_ns, from_ns)
 
     def _unseen(self, start_ns: int, end_ns: int, without_gyro: bool) -> None:
-        """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (36)"""
+        """Widen the position by unseen motion, without wheels; without a gyro the heading, too. (36)"""
         dt_s = (end_ns - start_ns) * S_PER_NS
         speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
         self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))

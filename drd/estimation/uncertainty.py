@@ -1,4 +1,4 @@
-"""Uncertainties that the covariance does not hold by itself: position bound, speed, rate, motion that was not seen."""
+"""Uncertainties that are not in the covariance: position bound, speed, rate, unseen motion."""
 
 import math
 
@@ -7,14 +7,14 @@ from drd.estimation.lead import Lead
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.state import BB, DD, LL, RL, RR, SS
 
-# How much a robot that is not seen may accelerate and turn. (36)
+# Accelerations, along and in turn, that an unseen robot may have. (36)
 UNSEEN_ACCELERATION_M_S2 = 1.0
 UNSEEN_TURN_RAD_S2 = 0.5
-# Standard deviation of the heading from which on the pose is degraded: 1 m ahead is then 0.5 m aside.
+# Standard deviation of the heading beyond which the pose is degraded: 1 m ahead is then 0.5 m aside.
 HEADING_DOUBTFUL_RAD = 0.5
 # Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (37)
 BOUND_SIGMAS = math.sqrt(9.210340371976182)
-# Beyond four standard deviations from 0 the sign of the lag is certain: the other one's share is 3e-5.
+# Beyond four standard deviations from 0 the sign of the lag is certain: the other sign's probability is 3e-5.
 CERTAIN_SIGN_SIGMAS2 = 16.0
 
 
@@ -27,7 +27,7 @@ def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: floa
 
 
 class OneSided:
-    """Errors of one cause that have one sign while it lasts: the variance has the square of their sum. (18)"""
+    """Errors that keep one sign while their cause lasts: their variance is the square of their sum. (18)"""
 
     def __init__(self) -> None:
         self.forget()
@@ -48,21 +48,21 @@ class OneSided:
 
 
 class UncertainHeading:
-    """The error that the linear covariance leaves out of travel along a heading that is hardly known. (36)
+    """Error of travel along a hardly known heading that the linear covariance leaves out. (36)
 
-    A heading that is wrong by d puts the end back by 1 - cos d of the distance; a later correction of the heading
-    would turn all of it, which the filter's linear one does not.
+    A heading error d shortens the way ahead by 1 - cos d of the distance; a later correction of the heading should
+    rotate all of it, which the filter's linear one does not.
     """
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """The position is another."""
+        """Restart at another position."""
         self.x_m = self.y_m = self._covered_m2 = 0.0
 
     def copy_from(self, other: "UncertainHeading") -> None:
-        """The same way so far."""
+        """Copy the path so far."""
         self.x_m, self.y_m, self._covered_m2 = other.x_m, other.y_m, other._covered_m2
 
     def growth(self, x_m: float, y_m: float, heading_variance_rad2: float) -> float:
@@ -82,8 +82,8 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 
 
 def lead_moments(lag_s: float, variance_s2: float) -> tuple[float, float]:
-    """Moments of the lead's error, where the lag is Gaussian and wheels that are not late need no lead: its covariance
-    with the lag's error, over the lag's variance, and its mean square, s^2. (30)
+    """Moments of the lead's error for a Gaussian lag, where only late wheels need a lead: its covariance with the lag's
+    error, over the lag's variance, and its mean square, s^2. (30)
     """
     if lag_s * lag_s >= CERTAIN_SIGN_SIGMAS2 * variance_s2:
         return (1.0, variance_s2) if lag_s > 0.0 else (0.0, 0.0)
@@ -101,7 +101,7 @@ def covariance_after(
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, after `lead`. (37)
 
-    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error; while the lag is
+    An error of lag or stamp moves the pose along `heading_rad` by speed and rate times that error; while the lag is
     hardly known, a robot that seems to stand may have moved off, and one that goes straight may have begun to turn.
     (30), (34)
     """
@@ -129,7 +129,7 @@ def covariance_after(
 
 
 def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:
-    """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (38)"""
+    """Deviation of the mean speed over a wheel sample of `interval_s`: wheel noise and scales, stamps. (38)"""
     travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
     count = noise.count_m2 / interval_s**2
     timing = 2.0 * noise.timing_s2 / interval_s**2  # both ends of the interval
@@ -139,7 +139,7 @@ def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_
 
 
 def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:
-    """Of the mean yaw rate over the sample of `interval_s` that it came from, a gyro's or the wheels'. (38)"""
+    """Deviation of the mean yaw rate over a sample of `interval_s`, the gyro's or the wheels'. (38)"""
     p, rate2 = kf.flat_P, rate_rad_s * rate_rad_s
     if gyro:
         variance = noise.gyro_rad2_per_s / interval_s + p[BB]
