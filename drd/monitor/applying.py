@@ -10,7 +10,7 @@ from drd.monitor.library import TURN as TURN_COLUMN
 from drd.monitor.monitor import Monitor
 from drd.units import NS_PER_S, RAD_PER_DEG
 
-# Effects of one constant each. A side that slips for as long as it is looked at rolls less far, as a smaller tyre does.
+# Effects that show each constant. A side that slips all the time rolls less far, as a smaller tyre does.
 SHOWN_BY: Final = {
     RADII: frozenset({"wheel_radius_error", "tyre_deflation", "surface_slip"}),
     TURN: frozenset({"tread_error", "gyro_scale_error", "terrain_tread"}),
@@ -18,27 +18,25 @@ SHOWN_BY: Final = {
     LAG: frozenset({"encoder_latency", "encoder_lag", "gyro_latency", "gyro_lag"}),
 }
 COLUMN: Final = {RADII: TRAVEL, TURN: TURN_COLUMN, LAG: CHANGE}
-SI: Final = {RADII: 1.0, TURN: 1.0, LAG: CHANGE_S}  # of a column's unit
-CONFIRMED_S: Final = 60.0  # after its naming: by then most names that turn out wrong have been taken back
-SURE: Final = 0.95  # probability of its names together
-DOUBTFUL: Final = 0.5  # below which it is given back: even odds
-ANEW_SIGMAS: Final = 3.0  # by which a constant that goes on changing is another one
-STARTED_M: Final = (
-    1.0  # travel, behind which a change came while driving: a tyre loses air or load is put on it; none grows
-)
+SI: Final = {RADII: 1.0, TURN: 1.0, LAG: CHANGE_S}  # value of a column's unit
+CONFIRMED_S: Final = 60.0  # after its naming: by then most wrong names have been retracted
+SURE: Final = 0.95  # total probability of its names
+DOUBTFUL: Final = 0.5  # below which it is restored: even odds
+ANEW_SIGMAS: Final = 3.0  # a change beyond this is adopted again
+STARTED_M: Final = 1.0  # travel after which a change came while driving: a tyre loses air or is loaded; none grows
 
 
 class Applying:
-    """Feed it the findings; `wanted` are constants by name, None: to be given back, absent: nothing was said of it.
+    """Chooses constants from findings; `wanted`: constants by name, None: to be restored, absent: undecided.
 
-    A constant that was given back once is not wanted again.
+    A constant that was restored once is not wanted again.
     """
 
     def __init__(self) -> None:
         self.wanted: dict[str, Constant | None] = {}
 
     def look(self, monitor: Monitor, findings: list[Finding]) -> None:
-        """After the monitor has got on."""
+        """Update `wanted` after the monitor has advanced."""
         now_ns = (monitor.zero_ns or 0) + round(monitor.now_s * NS_PER_S)
         for name, effects in SHOWN_BY.items():
             shown = [f for f in findings if f.effect in effects and f.until_ns is None]
@@ -58,7 +56,7 @@ class Applying:
 
 
 def probability(finding: Finding, effects: frozenset[str]) -> float:
-    """Sum over all names that show the same constant."""
+    """Total probability of all names that show the same constant."""
     return finding.probability + sum(p for name, p in finding.also_fits if name in effects)
 
 
@@ -68,7 +66,7 @@ def is_confirmed(finding: Finding, effects: frozenset[str], now_ns: int) -> bool
 
 
 def measured(monitor: Monitor, name: str, finding: Finding) -> Constant | None:
-    """The constant since the finding's begin; None where it is not known, or too large."""
+    """The constant since the finding's onset; None if it is unknown or too large."""
     if name == BIAS:
         step = finding.parameters.get("b")
         if not isinstance(step, Size) or finding.effect not in SHOWN_BY[BIAS]:

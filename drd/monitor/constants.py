@@ -1,7 +1,7 @@
-"""A robot's constants, which last for as long as nobody works on it, and how well they are known. (97)
+"""A robot's constants, which hold until somebody works on it, and how well they are known. (97)
 
 Columns of the rows: TURN, tread times gyro scale less 1; TRAVEL, the left radius less the right one, relative; CHANGE,
-how late the wheels are, in 10 ms.
+the wheels' delay, in 10 ms.
 """
 
 import math
@@ -14,7 +14,7 @@ from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.monitor.library import CHANGE, TRAVEL, TURN
 
 CHANGE_S: Final = 0.01  # a unit of CHANGE
-# By how much a robot that is known is another one on the next day: load, air and temperature of the tyres, its clocks.
+# Change of a known robot from day to day: load, tyre pressure and temperature, clocks.
 KNOWN_SIGMAS: Final = {TURN: 0.003, TRAVEL: 0.0003, CHANGE: 0.2}
 
 

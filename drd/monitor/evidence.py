@@ -1,4 +1,4 @@
-"""How likely each effect is since each moment, beside what robots do anyway. (97), (98)"""
+"""Likelihood of each effect since each moment, besides the nuisance effects of every robot. (97), (98)"""
 
 import math
 from collections.abc import Sequence
@@ -15,21 +15,21 @@ from drd.monitor import wandering
 from drd.monitor.library import TURN, Hypothesis
 from drd.monitor.sums import LEAST, Sums
 
-# Rate at which effects begin, all of them together, per second of driving: one in 50 hours. A prior for robots that are
-# looked after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
+# Rate of onset of effects, all together, per second of driving: one in 50 hours. A prior for maintained robots; with
+# odds of 20 to 1 it gives a mean time of 1,000 hours between false names, see (98).
 HAZARD_PER_S: Final = 1.0 / (50.0 * 3600.0)
-START_S: Final = 60.0  # a start is worth so many seconds more of it
-# An effect that can end stays for the rest of the drive as often as not; else its length is exponential with this mean.
+START_S: Final = 60.0  # additional prior of a start, in seconds of driving
+# Probability that an effect that can end lasts for the rest of the drive; else its length is exponential, of this mean.
 STAYS: Final = 0.5
 WINDOW_S: Final = 120.0
-INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
-SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
-UNLIKELY: Final = 1e-3  # of an onset: sizes since then are not looked at
-HIDDEN: Final = 0.02  # share of its information that what robots do anyway must leave of an effect
+INFORMATION: Final = 64.0  # prior variance of a size over its own: an effect that shows itself, d = 8
+SHEET_SEGMENTS: Final = 40.0  # weight of the stated noise, in segments
+UNLIKELY: Final = 1e-3  # probability of an onset below which sizes since then are ignored
+HIDDEN: Final = 0.02  # least share of an effect's information that the nuisances must leave
 
 
 class Form(NamedTuple):
-    """A hypothesis by its number, since a segment, until before another: nats of evidence, the prior in them."""
+    """A hypothesis by its number, from a segment until before another: nats of evidence, including the prior."""
 
     hypothesis: int
     begin: int
@@ -39,7 +39,7 @@ class Form(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimate:
-    """A hypothesis since a segment, until before another: nats of evidence, sizes (k,), and their covariance (k, k)."""
+    """A hypothesis from a segment until before another: nats of evidence, sizes (k,) and their covariance (k, k)."""
 
     hypothesis: Hypothesis
     begin: int
@@ -50,14 +50,14 @@ class Estimate:
 
 
 class Bank:
-    """All hypotheses since each segment, beside the components of `sums`."""
+    """Evidence for all hypotheses since each segment, with the components of `sums` as nuisances."""
 
     def __init__(self, sums: Sums, hypotheses: Sequence[Hypothesis]):
         self.sums, self.hypotheses = sums, hypotheses
         raw = [(c, g) for h in hypotheses for c, g in zip(h.columns, h.growth or (-1,) * len(h.columns), strict=True)]
         self._at = at = np.array([c for c, _ in raw])
         self._grows = grows = np.array([max(g, 0) for _, g in raw])
-        # The column of an effect that grows is its own less its growth times the onset's time.
+        # The column of a growing effect is its own less its growth times the onset's time.
         since_s = np.append(sums.begins_s, 0.0)
         self._old = old = np.where(np.array([g for _, g in raw]) >= 0, -since_s[:, None], 0.0)  # (onsets, tested)
         each, since = sums.each, sums.since
@@ -69,7 +69,7 @@ class Bank:
         ends = np.cumsum([len(h.columns) for h in hypotheses])
         self._places = [slice(int(e) - len(h.columns), int(e)) for h, e in zip(hypotheses, ends, strict=True)]
         q, j = sums.scatter()
-        # An effect that grows scatters as its growth does.
+        # A growing effect scatters as its growth does.
         self._q, self._j = (np.array([x[list(h.growth or h.columns)].mean() for h in hypotheses]) for x in (q, j))
         self._turns = float(q[TURN]), max(float(j[TURN]), 1.0)
         self._most = float(self._j.max())
@@ -78,7 +78,7 @@ class Bank:
         self._grown = np.array([bool(h.growth) for h in hypotheses])
 
     def nats(self) -> Array:
-        """Evidence for each hypothesis since each onset, against nothing, shape (onsets, hypotheses)."""
+        """Evidence for each hypothesis since each onset, against no effect, shape (onsets, hypotheses)."""
         n = len(self._score) - 1
         starts = np.array([p.start for p in self._places])
         score, full, v = self._score[:, starts], self._full[:, starts], self._v[:, :, starts]
@@ -96,13 +96,13 @@ class Bank:
         return found
 
     def _together(self, i: int, onsets: slice) -> Array:
-        """The same of a hypothesis of several columns, which do not grow."""
+        """`nats` of a hypothesis of several columns, which do not grow."""
         place, h = self._places[i], self.hypotheses[i]
         c, v = self._at[place], self._v[:, onsets, place].transpose(1, 0, 2)
         own = slice(c[0], c[-1] + 1)
         information = self.sums.since(self.sums.each[:, own, own])[onsets] - v.transpose(0, 2, 1) @ v
         score, half = self._score[onsets, place], np.array(h.limits) / 2.0
-        # Along directions that tell apart, of sizes over the prior's largest: what few headings show is one of two.
+        # Along the eigenvectors, sizes being relative to the prior's largest: few headings may show only one of two.
         e, W = np.linalg.eigh(half[:, None] * information * half)
         e, z = np.maximum(e, LEAST), np.einsum("skj,sk->sj", W, half * score)
         gain = 0.5 * z**2 / e * _plausible(0.5 * np.abs(z) / e)
@@ -111,7 +111,7 @@ class Bank:
         return np.where((np.diagonal(information, axis1=1, axis2=2) > LEAST).all(1), nats[:, 0], -np.inf)
 
     def windows(self, i: int) -> Array:
-        """The same of one, of a single column, until before each later segment, shape (begins, ends); -inf: none."""
+        """`nats` of one of a single column, until before each later segment, shape (begins, ends); -inf: none."""
         t = self._places[i].start
         score, v, own, full = self._score[:, t], self._v[:, :, t], self._own[:, t], self._full[:, t]
         cross, n = v.T @ v, len(score) - 1
@@ -129,7 +129,7 @@ class Bank:
         return np.where(np.arange(n)[None, :] > np.arange(n)[:, None], nats.reshape(n, n), -np.inf)
 
     def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array, edges: Array) -> Array:
-        """The same of hypotheses i of one column each, (..., hypotheses). `edges`: what those of _edge add."""
+        """`nats` of hypotheses i of one column each, (..., hypotheses). `edges`: gain and cost from _edge."""
         tells = information > LEAST
         safe = np.where(tells, information, 1.0)
         prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
@@ -164,25 +164,25 @@ class Bank:
         further: Array | float = 0.0,
         shares: int = 1,
     ) -> Array:
-        """Student's t for a noise whose size the segments tell, less Occam's factor. (97)
+        """Student's t for noise whose size is estimated from the segments, less Occam's factor. (97)
 
-        `shrunk`, `cost`: see _by_prior. `further`: gain, besides. `shares`: columns that share the rows out, as those
-        of a curve do; q is their mean.
+        `shrunk`, `cost`: see _by_prior. `further`: additional gain. `shares`: columns that divide the rows among them,
+        as those of a curve do; q is their mean.
         """
         j, q = np.maximum(self._j[i], 1.0), self._q[i]
         left = (q - 2.0 * (gain + further) / shares) / j
-        # A tread that wanders is no white noise: what an effect leaves of its scatter is left for this one, too.
+        # A wandering tread is no white noise: the scatter that an effect leaves in the turn counts for this one, too.
         left = np.maximum(left, (self._turns[0] - 2.0 * (gain + further)) / self._turns[1])
         return np.asarray(self._student(shrunk + further, left) - cost)
 
     def _student(self, gain: Array, left: Array) -> Array:
-        """Nats of a gain in squares; `left`: mean square of what is left in a row, of which noise is 1. (97)"""
-        # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
+        """Nats of a gain in squares; `left`: mean square of the residuals, where noise is 1. (97)"""
+        # The same number of segments for all hypotheses, so that those informed by few have no advantage.
         rest = self._most * np.maximum(left, 1.0) + SHEET_SEGMENTS
         return np.asarray(0.5 * (self._most + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest))
 
     def estimate(self, form: Form, onsets: Array) -> Estimate:
-        """Sizes of a form, over all onsets that may be its own, of the probabilities `onsets`."""
+        """Sizes of a form, averaged over its possible onsets with the probabilities `onsets`."""
         p = onsets[: form.end].copy()
         p[form.begin] = max(float(p[form.begin]), UNLIKELY)
         likely = np.flatnonzero(p >= UNLIKELY)
@@ -194,14 +194,14 @@ class Bank:
         return Estimate(self.hypotheses[form.hypothesis], form.begin, form.end, form.nats, mean, covariance)
 
     def _sizes(self, hypothesis: int, begin: int, end: int) -> tuple[Array, Array]:
-        """Sizes (k,) and their covariance (k, k), with its noise as its segments scatter."""
+        """Sizes (k,) and their covariance (k, k), with the noise that its segments' scatter shows."""
         h, place = self.hypotheses[hypothesis], self._places[hypothesis]
         v, score = self._v[:, begin, place], self._score[begin, place]
         full = self._products(place, begin)
         if end < len(self._score) - 1:
             v, score = v - self._v[:, end, place], score - self._score[end, place]
             full = full - self._products(place, end)
-        # The prior: where the data say nothing, the largest plausible size.
+        # The prior: its deviation is the largest plausible size.
         covariance = np.linalg.inv(full - v.T @ v + np.diag(1.0 / np.square(h.limits)))
         gain, j = float(score @ covariance @ score), self._j[hypothesis]
         rest = max(self._q[hypothesis] - gain, 0.0)
@@ -216,9 +216,9 @@ class Bank:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Nats of each name over nothing, its prior in it; the likeliest form of each, and probabilities of its onsets.
+    """Nats of each name against no effect, including its prior; its likeliest form, and probabilities of its onsets.
 
-    `wanders_nats`: of a tread that wanders, instead of any.
+    `wanders_nats`: those of a wandering tread instead of any effect.
     """
 
     nats: dict[str, float]
@@ -228,19 +228,19 @@ class Posterior:
 
     @property
     def odds_nats(self) -> float:
-        """That anything is there."""
+        """Log odds that there is any effect."""
         if not self.nats:
             return -math.inf
         return float(np.logaddexp.reduce(list(self.nats.values())) - np.logaddexp(0.0, self.wanders_nats))
 
     @property
     def first(self) -> str:
-        """The likeliest name."""
+        """Most likely name."""
         return max(self.nats, key=lambda name: self.nats[name])
 
     @property
     def wanders(self) -> float:
-        """Probability that the tread does."""
+        """Probability that the tread wanders."""
         return math.exp(self.wanders_nats - self._total)
 
     @property
@@ -248,11 +248,11 @@ class Posterior:
         return float(np.logaddexp.reduce([0.0, self.wanders_nats, *self.nats.values()]))
 
     def probabilities(self) -> dict[str, float]:
-        """Probability of each name, the likeliest first; the rest is nothing's, and the wandering tread's."""
+        """Probability of each name, the likeliest first; the rest is that of no effect and of a wandering tread."""
         return self._over(self._total)
 
     def shares(self) -> dict[str, float]:
-        """Probability of each name if one of them is there, the likeliest first."""
+        """Probability of each name given that one of them holds, the likeliest first."""
         return self._over(float(np.logaddexp.reduce(list(self.nats.values()))))
 
     def _over(self, total: float) -> dict[str, float]:
@@ -261,7 +261,7 @@ class Posterior:
 
 
 def posterior(bank: Bank, skids: bool = False) -> Posterior:
-    """Shiryaev and Roberts' sum over the onsets, of each name; of a robot that skids no timing is judged. (98)"""
+    """Shiryaev-Roberts sum over the onsets for each name; for a robot that skids, timing is not judged. (98)"""
     length_s = bank.sums.length_s
     n = len(length_s)
     names = list(dict.fromkeys(h.id for h in bank.hypotheses))
@@ -298,7 +298,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
 
 
 def _edge(score: Array, information: Array, own_score: Array, own: Array, both: Array, most: Array | float) -> Array:
-    """Gain and cost of a part of an effect's size in the one segment within which it begins or ends, (2, ...).
+    """Gain and cost of an effect's partial size in the segment within which it begins or ends, (2, ...).
 
     `own_score`, `own`: that segment's score and information; `both`: its information in common with the effect's;
     `most`: the largest plausible size.
@@ -306,25 +306,25 @@ def _edge(score: Array, information: Array, own_score: Array, own: Array, both: 
     safe = np.where(information > LEAST, information, np.inf)
     size = score / safe
     left, rest = np.maximum(own - both**2 / safe, 0.0), own_score - both * size
-    # Uniform from none of it to all, as a Gaussian of that mean and variance.
+    # Uniform from zero to the whole size, approximated by a Gaussian of the same mean and variance.
     mean = 0.5 * np.clip(size, -most, most)
     variance = mean**2 / 3.0
     inflated = 1.0 + left * variance
     gain = (0.5 * rest**2 * variance + rest * mean - 0.5 * left * mean**2) / inflated
-    # Where that segment tells more than all the rest, it is not one in which it begins or ends.
+    # A segment with more information than all the rest is not one within which it begins or ends.
     return np.where(own < information, np.stack([gain, 0.5 * np.log(inflated)]), 0.0)
 
 
 def _by_prior(gain: Array, prior: Array) -> tuple[Array, Array]:
-    """A gain under a prior of so many times a size's own variance, and Occam's factor, nats."""
+    """A gain under a prior of `prior` times a size's own variance, and Occam's factor, nats."""
     return gain * prior / (1.0 + prior), 0.5 * np.log1p(prior)
 
 
 def _plausible(size: Array) -> Array:
-    """Share of the gain that is left when a size, over its largest plausible one, is held at that."""
+    """Share of the gain that is left if a size, relative to its largest plausible one, is limited to that."""
     return np.asarray(1.0 - np.square(np.maximum(1.0 - 1.0 / np.maximum(size, 1e-12), 0.0)))
 
 
 def _log_above(x: Array) -> Array:
-    """Logarithm of the normal distribution function, within 0.01: that a size is above zero (Page 1977)."""
+    """Logarithm of the normal distribution function, within 0.01: a size's sign is positive (Page 1977)."""
     return np.asarray(-np.logaddexp(0.0, -(1.5976 * x + 0.070566 * np.clip(x, -4.0, 4.0) ** 2 * x)))

@@ -22,10 +22,10 @@ class Size(Struct, frozen=True):
 class Finding(Struct, frozen=True, kw_only=True):
     """An effect that the monitor names.
 
-    `effect`: its name in the catalogue, or `unknown`. `text`: what it is, for people. `also_fits`: names that the drive
-    so far cannot tell from it. Probabilities are of the names; what is left to 1 is nothing's, or other names'.
-    `since_m`: the distance until then. `since_std_s`: how well its begin is known. `until_ns`: its end, None: it lasts.
-    `ruled_out`: names that would have shown. `settle`: the drive that would tell more.
+    `effect`: its name in the catalogue, or `unknown`. `text`: a sentence for people. `also_fits`: names that the drive
+    so far cannot distinguish from it. Probabilities are of the names; the rest to 1 is that of no effect or of others.
+    `since_m`: distance until the onset. `since_std_s`: deviation of the onset. `until_ns`: its end, None: it lasts.
+    `ruled_out`: names that would have shown. `settle`: the drive that would decide.
     """
 
     effect: str
@@ -43,10 +43,10 @@ class Finding(Struct, frozen=True, kw_only=True):
 
 
 class Suspicion(Struct, frozen=True, kw_only=True):
-    """That something is more likely there than not, while no name is sure enough for a finding.
+    """An effect that is more likely than not, while no name is certain enough for a finding.
 
-    `text`: that, for people. `probability`: that anything is. `names`: with theirs, the likeliest first; the rest of it
-    is other names'. `since_ns` and `settle`: as in Finding.
+    `text`: a sentence for people. `probability`: that there is any effect. `names`: with their probabilities, the
+    likeliest first; the rest is that of other names. `since_ns` and `settle`: as in Finding.
     """
 
     text: str
@@ -66,13 +66,13 @@ class NotObservable(Struct, frozen=True):
 
 
 def size(value: float, std: float, si: float, unit: str) -> Size:
-    """A value and its deviation in SI, in another unit."""
+    """Convert a value and its deviation from SI to another unit."""
     value, std = value / si, std / abs(si)
     return Size(value, std, value - Z_90 * std, value + Z_90 * std, unit)
 
 
 def settling(effect: Effect | None, channels: set[str]) -> str:
-    """The manoeuvre that tells more of an effect, in words."""
+    """Name the manoeuvre that tells more about an effect."""
     if len(channels) > 1:
         return "stand still for a minute: a gyro's error goes on, one of the wheels does not"
     return effect.manoeuvre if effect is not None else "the same drive again"

@@ -1,4 +1,4 @@
-"""Poses from outside: the distance between two of them tells what both wheels' radii have in common. (101)"""
+"""Poses from outside: the distance between two of them shows the common error of both wheels' radii. (101)"""
 
 import math
 from collections import deque
@@ -14,17 +14,17 @@ from drd.monitor.rows import Rows
 from drd.units import NS_PER_S
 
 EFFECT: Final = "wheel_radius_error"
-LARGEST: Final = 0.05  # relative: no radius in use is further off
-MOVED_SIGMAS: Final = 4.0  # of all that radii and noise explain: beyond, the pose was moved, or the robot carried
-FEWEST_M: Final = 5.0  # between two poses: a shorter chord tells nothing of a radius
+LARGEST: Final = 0.05  # relative: no radius in use is off by more
+MOVED_SIGMAS: Final = 4.0  # of radii and noise together: beyond, the pose was moved or the robot carried
+FEWEST_M: Final = 5.0  # between two poses: a shorter chord does not show a radius
 NAMED_NATS: Final = math.log(20.0)
 MOST_WAITING: Final = 16  # for the rows of their time, some seconds
-BIAS_RAD_S: Final = 1e-5  # what a bias that the monitor has estimated is still off: 2 deg/h
+BIAS_RAD_S: Final = 1e-5  # error left in a bias that the monitor has estimated: 2 deg/h
 
 
 @dataclass
 class _Way:
-    """Dead reckoning since a fix, in its own frame, with the moments that a heading's errors act by."""
+    """Dead reckoning since a fix, in its own frame, with the moments through which heading errors act."""
 
     at: Array  # of the fix, m
     sigma_m: float
@@ -32,12 +32,12 @@ class _Way:
     here: Array = field(default_factory=lambda: np.zeros(2))
     distance_m: float = 0.0
     time_s: float = 0.0
-    first: Array = field(default_factory=lambda: np.zeros(2))  # of position over time
+    first: Array = field(default_factory=lambda: np.zeros(2))  # integral of position over time
     second: Array = field(default_factory=lambda: np.zeros((2, 2)))
     late: Array = field(default_factory=lambda: np.zeros(2))  # of steps, turned left, times their time
 
     def add(self, turn_rad: Array, distance_m: Array, interval_s: Array) -> None:
-        """Rows, (n,) each."""
+        """Add rows, (n,) each."""
         heading = self.heading_rad + np.cumsum(turn_rad) - 0.5 * turn_rad
         steps = np.column_stack([distance_m * np.cos(heading), distance_m * np.sin(heading)])
         places, times = self.here + np.cumsum(steps, 0), self.time_s + np.cumsum(interval_s)
@@ -58,7 +58,7 @@ class _Way:
 
 
 class Fixes:
-    """Feed it rows and fixes. `wheel_scale`: how well each radius is known before; noise as in the configuration."""
+    """Estimates the radii from rows and fixes. `wheel_scale`: prior deviation of each radius; noise as configured."""
 
     def __init__(self, wheel_scale: float, walk: float, wheel_noise: float):
         self._known, self._walk, self._wheel_noise = wheel_scale, walk, wheel_noise
@@ -73,12 +73,12 @@ class Fixes:
         self._waiting.append((t_ns, x_m, y_m, sigma_m))
 
     def rows(self, rows: Rows, turn_rad: Array, zero_ns: int) -> None:
-        """A block, with the likeliest turn of all its rows. A fix counts at the end of the row that it came in."""
+        """Add a block, with the likeliest turn of all its rows. A fix counts at the end of its row."""
         inner = rows.inner
         turn, interval_s = turn_rad[inner], rows.interval_s[inner]
         distance, at_ns = 0.5 * (rows.left_m + rows.right_m)[inner], zero_ns + rows.end_s[inner] * NS_PER_S
         if not rows.is_good[inner].all():
-            self._way = None  # something moved unseen: the next distance tells nothing
+            self._way = None  # something moved unseen: the next distance is useless
         begin = 0
         while self._waiting and self._waiting[0][0] <= at_ns[-1]:
             fix = self._waiting.popleft()
@@ -110,7 +110,7 @@ class Fixes:
         self._named_ns = self._named_ns or (t_ns if self._nats() > NAMED_NATS else 0)
 
     def _nats(self) -> float:
-        """Odds that the radii are off beyond what was known of them."""
+        """Log odds that the radii are off by more than their prior."""
         e, variance = self._sum / self._information, 1.0 / self._information + self._known**2
         wide = variance + LARGEST**2
         return (
@@ -120,7 +120,7 @@ class Fixes:
         )
 
     def findings(self) -> list[Finding]:
-        """That both radii are off, where the distances say so."""
+        """The finding that both radii are off, if the distances show it."""
         if not self._named_ns or (nats := self._nats()) < 0.0:
             return []
         e, std = self._sum / self._information, self._information**-0.5
@@ -143,5 +143,5 @@ class Fixes:
         ]
 
     def not_observable(self) -> list[NotObservable]:
-        """Until two poses were set."""
+        """The common radius error, until two poses were set."""
         return [] if self.intervals else [NotObservable(EFFECT, "what both radii have in common needs two set_pose")]

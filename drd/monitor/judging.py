@@ -1,4 +1,4 @@
-"""Effects that have been named, judged again beside each other, and the evidence for the next one. (98)"""
+"""Named effects, judged again given each other, and the evidence for the next one. (98)"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,21 +14,21 @@ from drd.monitor.sums import Component, Sums
 from drd.monitor.telling import SETTLES_S, Known, Onset, Suspected, class_nats
 
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
-EVEN_NATS: Final = 0.0  # odds from which something is suspected, and below which a name is taken back
-# Effective number: an effect that shows in the segment of its onset alone has no form yet; half of a turn on another
-# floor looks like a delay.
+EVEN_NATS: Final = 0.0  # odds above which something is suspected, and below which a name is retracted
+# Effective number: an effect seen only in the segment of its onset has no form yet; half of a turn on another floor
+# looks like a delay.
 LEAST_SEGMENTS: Final = 2.0
-PATIENCE: Final = 2  # looks in a row until what is told becomes another: no flapping
+PATIENCE: Final = 2  # looks in a row before the report changes: no flapping
 MOST: Final = 5  # findings at a time
-BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
-BY_RATE: Final = ("gyro_scale_asymmetry", "gyro_scale_nonlinearity")  # look like a tread that does so
-LOST: Final = 0.05  # probability of a name that another takes over from at once
+BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, required of another: else it repairs that one's form
+BY_RATE: Final = ("gyro_scale_asymmetry", "gyro_scale_nonlinearity")  # look like a tread that depends on rate
+LOST: Final = 0.05  # probability below which another name takes over at once
 
 
 class Judge:
-    """Looks at the segments' sums, and names.
+    """Names effects from the segments' sums.
 
-    `sigmas`: of the constants before the drive. `skids`: the robot's slip is no white noise.
+    `sigmas`: deviations of the constants before the drive. `skids`: the robot's slip is no white noise.
     """
 
     def __init__(self, segments: Segments, library: Library, sigmas: Mapping[int, float], skids: bool):
@@ -40,7 +40,7 @@ class Judge:
         self._turn = self._looks = self._changing = 0
 
     def look(self, now_s: float, bias_walk: float) -> Sums:
-        """All sums by now, beside what is known. `bias_walk`: of the gyro, rad/s/sqrt(s)."""
+        """All sums so far, given the known findings. `bias_walk`: the gyro's, rad/s/sqrt(s)."""
         self._now_s, self._walk = now_s, bias_walk
         sums = self._sums(self.known)
         self._bank = Bank(sums, self._library.hypotheses)
@@ -48,7 +48,7 @@ class Judge:
         return sums
 
     def decide(self, further_nats: float) -> None:
-        """After a look: name what is sure, or judge one of the known again. `further_nats`: asked beyond NAMED_NATS."""
+        """Name a certain effect after a look, or judge a known one again. `further_nats`: beyond NAMED_NATS."""
         found = self.nothing
         assert found is not None
         beside = BESIDE_SHARE * max((k.estimate.nats for k in self.known), default=0.0)
@@ -68,7 +68,7 @@ class Judge:
             self._again(self.known[self._turn % len(self.known)])
 
     def _suspect(self, found: Posterior, least_nats: float, further_nats: float) -> None:
-        """Suspect something, or nothing more, once some looks in a row say so."""
+        """Start or end a suspicion once some looks in a row agree."""
         suspects, is_likely = self.suspected is not None, found.odds_nats > least_nats
         self._changing = self._changing + 1 if is_likely != suspects else 0
         if self._changing >= PATIENCE:
@@ -79,14 +79,14 @@ class Judge:
             self.suspected = Suspected(found, self._onset(median, p), found.odds_nats - further_nats)
 
     def forget(self, but: Sequence[Known] = ()) -> None:
-        """Take back all that was named, `but` some, and what is suspected."""
+        """Retract all named effects except those in `but`, and the suspicion."""
         self.known[:] = but
         self.suspected, self._looks, self._changing = None, 0, 0
 
     def _sums(self, known: Sequence[Known]) -> Sums:
         begins = self._segments.begins_s
         n, every = len(begins), self._library.hypotheses
-        # What wheels that slip sideways do by speed, rate and curvature all along looks like many effects. (99)
+        # Sideways slip depends on speed, rate and curvature all along, which looks like many effects. (99)
         own = [h for h in every if self.skids and (h.effect is None or h.effect.channel == "wheels" or h.id in BY_RATE)]
         parts = [Component({c: 1.0}, limit, 0, n) for h in own for c, limit in zip(h.columns, h.limits, strict=True)]
         edges: set[int] = set()
@@ -101,7 +101,7 @@ class Judge:
         return Sums(self._segments.white, self._walk, self._sigmas, self.skids, parts, edges)
 
     def _again(self, k: Known, at_once: bool = False) -> bool:
-        """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
+        """Judge a finding again, given the others; returns whether its name or end has changed. (98)"""
         sums = self._sums([other for other in self.known if other is not k])
         bank = Bank(sums, self._library.hypotheses)
         found = posterior(bank, self.skids)
@@ -143,7 +143,7 @@ class Judge:
         return next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
 
     def _onset(self, begin: int, p: Array) -> Onset:
-        """The begin of a segment, with the deviation of the onsets of probabilities p (n,)."""
+        """Onset at the begin of a segment, with the deviation from the probabilities p (n,) of all onsets."""
         segments = self._segments.all
         begin_s, end_s = segments[begin].begin_s, segments[begin].end_s
         middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])

@@ -1,4 +1,4 @@
-"""A monitor with a memory: it begins with what is known of the robot, and tells what its days show, too."""
+"""A monitor with a memory: it begins with the robot's known constants, and also reports findings over days."""
 
 from typing import Final
 
@@ -10,12 +10,12 @@ from drd.monitor.wear import wear
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S
 
-PERIOD_S: Final = 60.0  # of data, after which the drive's constants are looked at again
+PERIOD_S: Final = 60.0  # of data, after which the drive's constants are evaluated again
 LARGEST: Final = 10.0
 
 
 class LastingMonitor:
-    """Feed it as a Monitor. `wall_zero_ns`: the wall clock where the samples' clock is 0; `now_ns`: on the latter."""
+    """Is fed as a Monitor. `wall_zero_ns`: wall clock at 0 of the samples' clock; `now_ns`: on the latter."""
 
     def __init__(self, config: Config, memory: Memory | None, wall_zero_ns: int, now_ns: int):
         self._memory, self._wall_zero_ns = memory, wall_zero_ns
@@ -38,11 +38,11 @@ class LastingMonitor:
         self.monitor.fix(t_ns, x_m, y_m, sigma_m)
 
     def clock(self, wall_zero_ns: int) -> None:
-        """The wall clock was set: the drive was on another day than it seemed."""
+        """Note that the wall clock was set: the drive is on another day than it seemed."""
         self._wall_zero_ns, self._due_s = wall_zero_ns, self.monitor.now_s
 
     def findings(self) -> list[Finding]:
-        """All that is known by now, of this drive and of earlier ones."""
+        """All findings so far, of this drive and of earlier ones."""
         if self._memory is not None and self.monitor.now_s >= self._due_s:
             self._due_s = self.monitor.now_s + PERIOD_S
             self._look(self._memory)

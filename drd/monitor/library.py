@@ -15,11 +15,11 @@ from drd.monitor.rows import STANDS_M, Rows
 
 PARTS: Final = 4  # of a row: wheels turn, and delays act, within it
 UNKNOWN: Final = "unknown"
-# Hats of a curve that is no effect's: where they stand, in m/s and rad/s. Beyond the last they stay.
+# Knots of a hat-function curve for unknown effects, in m/s and rad/s; constant beyond the last.
 SPEEDS: Final = (0.2, 0.5, 0.9, 1.4, 2.2)
 RATES: Final = (0.05, 0.2, 0.5, 1.0)
-FASTEST: Final = 0.2  # relative: no curve that nobody knows is larger
-LATER_S: Final = 100.0  # what an effect that grows is, later, less what it is now
+FASTEST: Final = 0.2  # relative: largest size of an unknown curve
+LATER_S: Final = 100.0  # step of the finite difference for a growing effect
 # The monitor's own columns, first in each row: gyro's bias, turn, travel, change of rate.
 BIAS, TURN, TRAVEL, CHANGE = range(4)
 OWN: Final = 4
@@ -27,10 +27,10 @@ OWN: Final = 4
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect, in one of its forms, that a monitor looks for: columns of the rows, and what is a unit of them.
+    """An effect, in one of its forms, that a monitor looks for: its columns of the rows, and their units.
 
-    `names`: the parameter of each column, in `parameters`, whose largest plausible size is in `limits` (SI).
-    `growth`: the columns of what an effect that grows is per second; `angle`: two columns a quarter turn apart.
+    `parameters`: the parameter of each column, whose largest plausible size is in `limits` (SI).
+    `growth`: the columns of a growing effect, per second; `angle`: two columns a quarter turn apart.
     """
 
     effect: Effect | None
@@ -62,7 +62,7 @@ class LiveRows(Motion):
     memory: dict[float, float]
 
     def temperature_rate_c_s(self, lag_s: float) -> Array:
-        """Behind a lag that is remembered from its first use on; known in the inner parts only."""
+        """Rate behind a first-order lag, whose state is kept from its first use on; known in the inner parts only."""
         change_c = self.temperature_change_c()
         lagged_c = self.memory.setdefault(lag_s, float(change_c[self.inner][0]))
         found = np.zeros_like(change_c)
@@ -76,7 +76,7 @@ class LiveRows(Motion):
 
 
 class Library:
-    """Columns of all hypotheses along the rows. Made for a robot of this tread and wheel radius (m)."""
+    """Columns of all hypotheses along the rows, for a robot of this tread and wheel radius (m)."""
 
     def __init__(self, tread_m: float, radius_m: float):
         self._tread_m, self._radius_m = tread_m, radius_m
@@ -88,7 +88,7 @@ class Library:
     def turns(self, rows: Rows, bias_rad_s: float, share: Array, tread: float) -> tuple[Array, Array]:
         """Turn by the wheels over the nominal tread, and the likeliest turn, (n,) each. (15)
 
-        `share`: what of the likeliest turn is the wheels', whose tread is so many times the nominal one.
+        `share`: weight of the wheels in the likeliest turn; `tread`: effective tread over the nominal one.
         """
         by_wheels = (rows.right_m - rows.left_m) / self._tread_m
         by_gyro = rows.gyro_rad - bias_rad_s * rows.interval_s
@@ -97,7 +97,7 @@ class Library:
         return by_wheels, np.where(stands, 0.0, turn)
 
     def columns(self, rows: Rows, turn_rad: Array) -> Array:
-        """Sensitivity of the wheels' turn less the gyro's, to each column, in the block's rows: (n, columns)."""
+        """Sensitivity of the wheels' turn less the gyro's to each column, in the block's rows: (n, columns)."""
         m = self._motion(rows, turn_rad)
         first = not self.hypotheses
         found = [self._row_means(rows, x) for x in self._own(m)]
@@ -141,7 +141,7 @@ class Library:
         return np.asarray((means * rows.interval_s)[rows.inner])
 
     def _own(self, m: Motion) -> list[Array]:
-        """Columns BIAS, TURN, TRAVEL, CHANGE, as rates. The last: of the turn, 10 ms before."""
+        """Columns BIAS, TURN, TRAVEL, CHANGE, as rates. The last: change of the rate by a delay of 10 ms."""
         before = np.interp(m.time_s - 0.01, m.time_s, m.rate_rad_s) - np.interp(m.time_s + 0.01, m.time_s, m.rate_rad_s)
         return [np.ones_like(m.time_s), m.rate_rad_s, m.speed_m_s / m.tread_m, 0.5 * before]
 
@@ -169,7 +169,7 @@ class Library:
             yield Hypothesis(None, {}, columns, (), (), (FASTEST,) * len(knots), False, False, text)
 
     def _sensitivities(self, rows: Rows, m: LiveRows, h: Hypothesis) -> list[Array]:
-        """Columns, then those of their growth per second."""
+        """Columns of a hypothesis, then those of their growth per second."""
         if h.effect is None:
             speed, knots = (m.rate_rad_s, RATES) if h.text.startswith("the gyro") else (m.speed_m_s, SPEEDS)
             scale = speed if h.text.startswith("the gyro") else speed / m.tread_m
@@ -191,10 +191,10 @@ class Library:
 
 
 def _together(effect: Effect) -> list[tuple[Parameter, ...]]:
-    """Parameters that are estimated together: those that come with either sign; each of the others is alone."""
+    """Parameters that are estimated together: those of either sign; each of the others alone."""
     linear = [q for q in effect.parameters if q.linear and not q.choices]
     if effect.essential:
-        linear = [q for q in linear if q.name == effect.essential]  # what is beside it shows in the distance only
+        linear = [q for q in linear if q.name == effect.essential]  # the others show in the distance only
     if effect.opposed:
         return [tuple(linear[:1])]
     if not linear:
@@ -203,12 +203,12 @@ def _together(effect: Effect) -> list[tuple[Parameter, ...]]:
 
 
 def _largest(q: Parameter) -> float:
-    """Largest plausible size, SI, off the value without any effect."""
+    """Largest plausible size, SI, relative to the value without any effect."""
     return abs(q.high - q.neutral) * q.si
 
 
 def _units(h: Hypothesis) -> Iterator[tuple[Values, float]]:
-    """Values of an effect of one parameter alone, and how large it is: SI."""
+    """Values of an effect of one parameter alone, and its size, SI."""
     assert h.effect is not None
     none = dict.fromkeys(h.effect.linear(), 0.0)
     if h.effect.opposed:

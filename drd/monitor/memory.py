@@ -1,6 +1,6 @@
 """A robot's memory of earlier drives: its constants by day, their trends, and when they jumped. (100)
 
-`remember` takes a drive in, `latest` looks for change points, `known` says what a drive begins with.
+`remember` adds a drive, `latest` looks for change points, `known` gives the constants that a drive begins with.
 After Jackson et al., An algorithm for optimal partitioning of data on an interval (2005).
 """
 
@@ -19,17 +19,17 @@ from drd.units import NS_PER_S
 
 DAY_NS: Final = 86_400 * NS_PER_S
 DAYS: Final = 180  # half a year; the oldest day is forgotten
-EARLIEST_NS: Final = 1_704_067_200 * NS_PER_S  # 2024: a clock that shows less was not set
+EARLIEST_NS: Final = 1_704_067_200 * NS_PER_S  # 2024: a clock that shows an earlier time was not set
 COLUMNS: Final = (TURN, TRAVEL, CHANGE)
-# Evidence asked of a jump and of a slope: odds of 20 to 1, against one of them a year, and what a size costs, (97).
+# Evidence required of a jump or slope: odds of 20 to 1, a prior of one a year, and the cost of a size, (97).
 NAMED_ODDS: Final = 20.0
 CHANGE_NATS: Final = math.log(NAMED_ODDS * 365.0) + 0.5 * math.log1p(INFORMATION)
-# Days that a slope is told from: with fewer a warm drive after cold ones would be a leak.
+# Fewest days that show a slope: with fewer, a warm drive after cold ones would pass for a leak.
 FEWEST_DAYS: Final = 5
-FEWEST_AFTER: Final = 2  # days of another level: one alone may be a load on one side
-SCATTER_DAYS: Final = 8.0  # days that the usual scatter weighs
+FEWEST_AFTER: Final = 2  # days at another level: one alone may be a load on one side
+SCATTER_DAYS: Final = 8.0  # weight of the usual scatter, in days
 MEDIAN_SQUARE: Final = 0.455  # of chi-squared with one degree of freedom
-LONGEST_AHEAD: Final = 1.0  # times its own length, for which a trend is believed to go on
+LONGEST_AHEAD: Final = 1.0  # times its own length, for which a trend is extrapolated
 
 Number = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Deviation = Annotated[float, Meta(gt=0.0, le=10.0)]
@@ -54,11 +54,11 @@ class Memory(Struct, frozen=True):
 
 
 class Latest(NamedTuple):
-    """How a constant has been of late: `level` on the last day, with `slope` per day, and their (2, 2) `covariance`.
+    """A constant's recent course: `level` on the last day, with `slope` per day, and their (2, 2) `covariance`.
 
-    `begin`: the day since which it is so, known to `begin_std_days`. `jump` and its deviation: by how much it changed
-    there, 0: it did not. `nats`: evidence for it, its price taken off; `other_nats`: for the other one of jump and
-    slope. `flat_misfit`: half the squares that a level leaves.
+    `begin`: the day of its onset, known to `begin_std_days`. `jump` and its deviation: the change on that day, 0: none.
+    `nats`: evidence for it, less its cost; `other_nats`: that for the other one of jump and slope. `flat_misfit`: half
+    the sum of squared residuals of a constant level.
     """
 
     begin: int
@@ -74,9 +74,9 @@ class Latest(NamedTuple):
 
 
 def remember(memory: Memory, day: Day) -> Memory:
-    """With a drive more, which is put together with the others of its day.
+    """Add a drive, combined with the others of its day.
 
-    Days that lie ahead of it were those of a clock that was wrong. Where its own was not set, it is not remembered.
+    Later days in the memory are due to a wrong clock and are dropped. A drive whose own clock was not set is ignored.
     """
     if day.wall_ns < EARLIEST_NS:
         return memory
@@ -94,13 +94,13 @@ def _together(a: Day, b: Day) -> Day:
 
 
 def latest(days: Sequence[Day], column: int) -> Latest:
-    """The newest level or trend, what was before its change point forgotten. `days`: at least one."""
+    """The newest level or trend, without the days before its change point. `days`: at least one."""
     i = COLUMNS.index(column)
     at = np.array([(d.wall_ns - days[-1].wall_ns) / DAY_NS for d in days])
     y = np.array([d.values[i] for d in days])
     variance = np.array([d.sigmas[i] for d in days]) ** 2
     variance = variance + _scatter(y, variance, KNOWN_SIGMAS[column]) ** 2
-    # A leak looks like stairs: one change since the begin of an earlier level may be worth more than many.
+    # A leak looks like stairs: one slope since an earlier level may fit better than many jumps.
     points = _change_points(y, variance)
     before = points[1:] or points  # so that the newest level's begin is a change
     found = [(cost, _one_change(at[k:], y[k:], variance[k:], k)) for k, cost in before]
@@ -108,7 +108,7 @@ def latest(days: Sequence[Day], column: int) -> Latest:
 
 
 def _one_change(at: Array, y: Array, variance: Array, first: int) -> Latest:
-    """A level, one that jumped, or one that goes on as a slope: what fits best, for its price. `first`: its number."""
+    """A level, a jump or a slope: the best fit after its cost. `first`: number of the first day."""
     n = len(y)
     flat = _fitted(np.ones((n, 1)), y, variance)
     alone = np.diag([float(flat.covariance[0, 0]), 0.0])
@@ -146,7 +146,7 @@ def _fitted(x: Array, y: Array, variance: Array) -> _Fit:
 
 
 def _change_points(y: Array, variance: Array) -> list[tuple[int, float]]:
-    """Begins of the likeliest levels, the newest first, and what all before each costs."""
+    """Begins of the likeliest levels, the newest first, and the cost of all before each."""
     n, w = len(y), 1.0 / variance
     s, sy, syy = (np.concatenate([[0.0], np.cumsum(x)]) for x in (w, w * y, w * y * y))
     best, back = np.zeros(n + 1), np.zeros(n + 1, int)
@@ -163,19 +163,19 @@ def _change_points(y: Array, variance: Array) -> list[tuple[int, float]]:
 
 
 def _scatter(y: Array, variance: Array, usual: float) -> float:
-    """From day to day beyond the days' own deviations, by what each is off the line of its neighbours."""
+    """Scatter from day to day beyond the days' own deviations, from each day's difference to its neighbours."""
     if len(y) < 3:
         return usual
     off = (y[1:-1] - 0.5 * (y[:-2] + y[2:])) ** 2
     own = variance[1:-1] + 0.25 * (variance[:-2] + variance[2:])
-    # The median, so that no jump is scatter.
+    # The median, so that a jump does not count as scatter.
     square = max(0.0, float(np.median(off / own)) / MEDIAN_SQUARE - 1.0) * float(np.median(own)) / 1.5
     days = float(len(off))
     return math.sqrt((SCATTER_DAYS * usual**2 + days * square) / (SCATTER_DAYS + days))
 
 
 def known(memory: Memory, wall_ns: int) -> Constants | None:
-    """Constants with which a drive at that time begins; None where nothing is remembered."""
+    """Constants with which a drive at that time begins; None without a memory."""
     if not memory.days:
         return None
     means, sigmas = {}, {}

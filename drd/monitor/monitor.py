@@ -26,24 +26,24 @@ from drd.monitor.telling import Known, Teller
 from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 
-UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
-ANEW: Final = 100.0  # times as loose as stated is what has changed
-EVEN: Final = 0.5  # a tread that wanders more likely than not is no constant
-FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
-EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
-SLOWING_M_S2: Final = 0.1  # of a wheel that comes to rest, or sets off: gentler ones are rare
-TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
-# More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
+UNFIT_LOOKS: Final = 8  # in a row, half a minute: names mean nothing for a robot unlike its configuration
+ANEW: Final = 100.0  # times the stated deviation, for a constant that has changed
+EVEN: Final = 0.5  # a tread that more likely than not wanders is no constant
+FEWEST_SEGMENTS: Final = 10  # half a minute: with less, no constant is remembered
+EVERY: Final = 2  # blocks: judging more often costs time and finds nothing earlier
+SLOWING_M_S2: Final = 0.1  # of a wheel that stops or starts: gentler ones are rare
+TREAD_RAD2: Final = 0.1  # weight of the nominal tread: some turns
+# Additional evidence required for a robot that skids, whose slip is not white: false names on real drives had as much.
 SKID_NATS: Final = 12.0
-SKIDS: Final = TAPE_SIGMAS * TAPE_PART  # relative: a tread so far off is that of wheels that slip sideways, (34)
-SKID_JITTER_S: Final = 0.1  # for so long a drive holds its speeds, (31)
+SKIDS: Final = TAPE_SIGMAS * TAPE_PART  # relative: a tread this far off means wheels that slip sideways, (34)
+SKID_JITTER_S: Final = 0.1  # a drive holds its speeds this long, (31)
 TURNING_RAD_S: Final = 0.05
 
 
 class Monitor:
-    """Feed it the samples that the estimator has, by sensor in order of time; ask `findings`.
+    """Takes the estimator's samples, in order of time by sensor; `findings` gives the result.
 
-    `config`: the robot's sizes and its sensors' noise. `known`: its constants from earlier drives, if there were any.
+    `config`: the robot's sizes and its sensors' noise. `known`: its constants from earlier drives, if any.
     """
 
     def __init__(self, config: Config, known: Constants | None = None):
@@ -55,7 +55,7 @@ class Monitor:
         self._wheel_noise = noise.wheel_m_per_sqrt_m
         counts = config.encoders.counts_per_revolution
         self._count_m = 2.0 * math.pi * robot.wheel_radius_m / counts if counts else 0.0
-        # A wheel that creeps may stand by its counts: on its last one it takes so long. Rows beside those that count.
+        # A creeping wheel may seem to stand: its last count takes this long. Rows next to those with counts.
         last_s = math.sqrt(2.0 * self._count_m / SLOWING_M_S2)
         self._creep_rows = min(max(1, math.ceil(last_s / ROW_S)), LEAD_ROWS)
         self._rows, self._segments = RowMaker(), Segments(self._white)
@@ -89,9 +89,9 @@ class Monitor:
         self._work()
 
     def fix(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
-        """The robot was there at that time, somebody says (set_pose, a dock). Before the samples that come later.
+        """Take a position from outside (set_pose, a dock), before the samples of later times.
 
-        `sigma_m` inf: a reset, behind which poses are in another frame.
+        `sigma_m` inf: a reset, after which poses are in another frame.
         """
         self._fixes.fix(t_ns, x_m, y_m, sigma_m)
 
@@ -102,7 +102,7 @@ class Monitor:
             self._judge()
 
     def _add(self, rows: Rows) -> None:
-        """A block of rows: their sensitivities, weighted, into the sums. (95), (96)"""
+        """Add a block of rows: their weighted sensitivities go into the sums. (95), (96)"""
         h, inner = rows.interval_s, rows.inner
         self.now_s = end_s = float(rows.end_s[inner][-1])
         if self._theta is None:
@@ -162,7 +162,7 @@ class Monitor:
         return self._noise.scatter.white(products)
 
     def _forget_what_symptoms_spoilt(self, seen_s: float) -> None:
-        """Once a symptom is sure, forget the sums since its begin, and what was named upon them."""
+        """Forget the sums since the onset of a symptom once it is certain, and the names based on them."""
         for seen in self._symptoms.seen.values():
             if seen.sure and not seen.is_told:
                 seen.is_told, seen.named_s = True, seen_s
@@ -171,7 +171,7 @@ class Monitor:
                 self._judging.forget(old)
 
     def _begin_anew(self, first: Turns) -> None:
-        """Stamps are put right by a lag, a robot that skids has its noise; sums without that are forgotten. (99)"""
+        """Correct the stamps by a lag, use the noise of a robot that skids, and forget the sums so far. (99)"""
         self._turned = TREAD_RAD2 * np.array([first.tread, 1.0])
         skids = abs(first.tread - 1.0) > SKIDS and self._drive == "auto"
         if not first.lag_s and not skids:
@@ -204,18 +204,18 @@ class Monitor:
         self._unfit = 0 if self._noise.is_fit else self._unfit + 1
         if not self.is_judging:
             self._judging.forget()
-        elif self._drive != "auto" or self._first.is_over:  # of a robot that may skid nothing is known before
+        elif self._drive != "auto" or self._first.is_over:  # for a robot that may skid nothing is named before
             self._judging.decide(SKID_NATS * self._skids)
 
     @property
     def known(self) -> list[Known]:
-        """The findings that have been named, and not taken back."""
+        """The findings that have been named and not retracted."""
         return self._judging.known
 
     def constants(self, changed: int | None = None) -> Constants | None:
-        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)
+        """The robot's constants since the onset of the newest lasting finding; None while data are too few. (100)
 
-        `changed`: a column of which what was known before the drive tells nothing any more.
+        `changed`: a column for which knowledge from before the drive no longer holds.
         """
         segments = self._segments.white
         lasting = [k.begin_s for k in self.known if k.end_s is None]
@@ -233,25 +233,25 @@ class Monitor:
         )
 
     def began_with(self, column: int) -> float:
-        """A constant as it was known before the drive."""
+        """A constant as known before the drive."""
         return self._constants.means[column]
 
     @property
     def wanders(self) -> float:
-        """How likely the tread wanders, as that of wheels that slip sideways in each turn does."""
+        """Probability that the tread wanders, as that of wheels that slip sideways in each turn does."""
         if self._skids:
             return 1.0
         return self._judging.nothing.wanders if self._judging.nothing is not None else 0.0
 
     @property
     def bias_rad_s(self) -> float:
-        """The gyro's, without what has been named."""
+        """The gyro's bias, without the named effects."""
         return self._bias_rad_s
 
     # ---- out ---------------------------------------------------------------------------------------------------
 
     def findings(self) -> list[Finding]:
-        """All that is known by now, in the order in which it was named."""
+        """All findings so far, in the order in which they were named."""
         teller = self._teller()
         told = [teller.told(k) for k in self.known]
         told += [teller.of_lag(self.lag_s, self._lag_named_s)] if self.lag_s else []
@@ -262,7 +262,7 @@ class Monitor:
         return sorted([*told, *self._fixes.findings()], key=lambda f: f.named_ns)
 
     def suspected(self) -> Suspicion | None:
-        """The suspicion, while something is more likely there than not and no name is sure; else None. (98)"""
+        """The suspicion, while an effect is more likely than not and no name is certain; else None. (98)"""
         suspected = self._judging.suspected
         return None if suspected is None else self._teller().suspicion(suspected)
 
@@ -278,7 +278,7 @@ class Monitor:
 
     @property
     def distance_m(self) -> float:
-        """How far the robot has gone."""
+        """Distance that the robot has travelled."""
         return self._distance_m
 
     def alike(self, k: Known) -> list[str]:
@@ -290,7 +290,7 @@ class Monitor:
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
-        """Everything that is looked for; nothing before the first block."""
+        """All hypotheses; empty before the first block."""
         return self._library.hypotheses
 
     @property

@@ -1,4 +1,4 @@
-"""The noise of the rows, learned on the way. (95)"""
+"""The noise of the rows, learned while driving. (95)"""
 
 import math
 from typing import Final
@@ -14,18 +14,18 @@ Kinds = npt.NDArray[np.integer]
 Flags = npt.NDArray[np.bool_]
 
 KINDS: Final = 3  # at rest, ahead, turning
-TAIL_SIGMAS: Final = 3.0  # rows beyond count as if they were here: slip comes in bursts
-SHEET_ROWS: Final = 30.0  # what a data sheet's noise weighs
-MOST_ROWS: Final = 600.0  # so many rows are remembered: a minute's
-UNFIT: Final = 10.0  # times the stated variance, with what has been allowed for slip
+TAIL_SIGMAS: Final = 3.0  # rows beyond are limited to this: slip comes in bursts
+SHEET_ROWS: Final = 30.0  # weight of a data sheet's noise
+MOST_ROWS: Final = 600.0  # memory in rows: a minute's
+UNFIT: Final = 10.0  # times the stated variance, including the allowance for slip
 FEWEST_ROWS: Final = 6  # of a kind in a block
 
 
 class RowNoise:
-    """`scale` (KINDS,): variance of a row over that of the data sheets. `scatter`: of the constants, besides.
+    """`scale` (KINDS,): variance of a row over that of the data sheets. `scatter`: that of the constants.
 
-    `skids`: of a robot whose wheels slip sideways in each turn. `before`: the same robot's, when something else was
-    believed of its wheels; at rest they say nothing.
+    `skids`: the robot's wheels slip sideways in each turn. `before`: the same robot's noise under another assumption
+    on its wheels, which have no influence at rest.
     """
 
     def __init__(self, skids: bool = False, before: "RowNoise | None" = None) -> None:
@@ -36,30 +36,30 @@ class RowNoise:
 
     @property
     def at_rest(self) -> float:
-        """The gyro's noise over that of its data sheet, at least 1: its bias then walks by so much more, too."""
+        """The gyro's noise over that of its data sheet, at least 1; its bias walks by as much more."""
         return math.sqrt(max(1.0, float(self.scale[0])))
 
     @property
     def is_fit(self) -> bool:
-        """Whether the robot, while it moves, is the one that its configuration states: else no name means anything."""
+        """Whether the moving robot fits its configuration: else no name means anything."""
         return float(self.scale[1:].max()) * self.scatter.raises < UNFIT
 
     def weights(self, x: Array, rest: Array, variance: Array, kind: Kinds, good: Flags) -> Array:
-        """One over the variance of each row, (n,), but for outliers; learns from them.
+        """Weights of the rows, (n,): inverse variances, smaller for outliers; learns from the rows.
 
-        `x` (n, columns), `rest` (n,): what the model leaves of the data; `variance`: by the data sheets.
+        `x` (n, columns), `rest` (n,): residuals of the model; `variance`: by the data sheets.
         """
         sigma = np.sqrt(variance * self.scale[kind])
         w = good / sigma
-        # A slow error is no outlier: a few columns of this block alone take it off.
+        # A slow error is no outlier: a fit of a few columns to this block removes it.
         own = x[:, :OWN] * w[:, None]
         gram = own.T @ own
         ridge = 1e-3 * np.diagonal(gram) + 1e-12
-        # In a short stop one row may tell the bias alone: the prior weighs as much as one row without a change.
+        # In a short stop one row alone may determine the bias: a prior of no change weighs as much as one row.
         ridge[BIAS] = np.square(own[:, BIAS]).max() + 1e-12
         fit = np.linalg.solve(gram + np.diag(ridge), own.T)
         r = rest * w - own @ (fit @ (rest * w))
-        # A row that a column has nearly to itself, as one that turns, would take it along: seen over what it leaves.
+        # A row that nearly determines a column, as one that turns, draws the fit: its leverage scales its residual.
         left = np.sqrt(1.0 - (own * fit.T).sum(1))
         weight = np.minimum(1.0, (TAIL_SIGMAS * left / np.maximum(np.abs(r), 1e-9)) ** 2)
         found = good * weight / sigma**2

@@ -14,20 +14,20 @@ from drd.units import NS_PER_S, S_PER_NS
 BLOCK_S: Final = 2.0
 ROW_S: Final = 0.1  # a wheel turns by less than two radians in it at 1.5 m/s, so that its ripple is seen
 LEAD_ROWS: Final = 12  # before a block, for delays and lags
-PENDING: Final = 1 << 16  # of a sensor: at 2000 Hz what comes while the other one is waited for, and some
-# A gyro sample so much later than the one before, in its intervals, was not the next one.
+PENDING: Final = 1 << 16  # samples of a sensor: more than arrive at 2000 Hz while waiting for the other one
+# A gyro sample this many intervals after the one before is not the next one.
 GAP: Final = 1.5
-WAIT_S: Final = 20.0  # for a sensor, while the other one goes on
-STALE_S: Final = 0.5  # between two wheel samples: over more a straight line is no motion
+WAIT_S: Final = 20.0  # for a sensor, while the other one continues
+STALE_S: Final = 0.5  # between two wheel samples: longer gaps are not interpolated
 STANDS_M: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a block, shape (n,), with `lead` rows of before and one that is still to come at its end.
+    """Rows of a block, shape (n,), with `lead` earlier rows before it and one later row at its end.
 
     `end_s` counts from the first sample. `is_good`: both sensors saw all of the row. `left_m`, `right_m`: the wheels'
-    distances in it. `left_total_m`, `right_total_m`: at its end, since the start. `readings_rad_s`: the gyro's own, in
+    distances in it. `left_total_m`, `right_total_m`: their totals at its end. `readings_rad_s`: the gyro's readings in
     the block.
     """
 
@@ -51,7 +51,7 @@ class Rows:
 
 
 class RowMaker:
-    """Feed it both sensors' samples, each in order of time; `take` gives a block when both have passed its end."""
+    """Makes rows from both sensors' samples, each in order of time; `take` gives a block once both have passed it."""
 
     def __init__(self) -> None:
         self.zero_ns: int | None = None
@@ -61,7 +61,7 @@ class RowMaker:
         self._heard_s = -np.inf, -np.inf
         self._next_s = 0.0
         self._kept: Array = np.zeros((0, 9))
-        self._late_s = 0.0  # of the wheels, that their stamps are put right by
+        self._late_s = 0.0  # delay of the wheels, by which their stamps are corrected
 
     def gyro(self, sample: GyroSample) -> None:
         """A sample of the gyro."""
@@ -81,20 +81,20 @@ class RowMaker:
         self._heard_s = self._heard_s[0], end_s
 
     def put_right(self, late_s: float) -> None:
-        """From now on the wheels' samples are so much older than their stamps say; what waits is forgotten."""
+        """Shift the wheels' stamps from now on, whose samples are older by `late_s`; drop pending ones."""
         self._late_s += late_s
         self._wheels.clear()
 
     def take(self) -> Rows | None:
-        """The next block, once both sensors have passed it and one row more. None: not yet."""
+        """The next block, once both sensors have passed it and one more row. None: not yet."""
         end_s = self._next_s + BLOCK_S
-        # A sensor that fell silent leaves a hole, not an end.
+        # A silent sensor leaves a gap, but does not end the rows.
         if min(self._heard_s) < end_s + 2.0 * ROW_S and max(self._heard_s) < end_s + WAIT_S:
             return None
         self._next_s = end_s
         fresh = self._table(end_s + 2.0 * ROW_S)
         ends = fresh[:, 0] if len(fresh) else np.zeros(0)
-        count = int(np.searchsorted(ends, end_s + 1e-6))  # rows of the block; the others come again
+        count = int(np.searchsorted(ends, end_s + 1e-6))  # rows of the block; the others are made again
         lead = len(self._kept)
         rows = np.vstack([self._kept, fresh[: count + 1]])
         self._kept = rows[: lead + count][-LEAD_ROWS:]
@@ -115,7 +115,7 @@ class RowMaker:
         return (t_ns - self.zero_ns) * S_PER_NS
 
     def _forget(self, before_s: float) -> Array:
-        """Forget what no later row needs; the gyro's readings among it."""
+        """Forget samples that no later row needs; returns the gyro's readings among them."""
         readings = []
         while self._gyro and self._gyro[0][0] <= before_s + 1e-9:
             readings.append(self._gyro.popleft()[2])
@@ -124,7 +124,7 @@ class RowMaker:
         return np.array(readings)
 
     def _table(self, until_s: float) -> Array:
-        """Rows of the samples that wait and end by a time, shape (n, 9): the columns of Rows, without the last two."""
+        """Rows of pending samples that end by a time, shape (n, 9): the columns of Rows, without the last two."""
         chosen = [g for g in self._gyro if g[0] <= until_s]
         if not chosen or len(self._wheels) < 2:
             return np.zeros((0, 9))

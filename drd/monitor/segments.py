@@ -1,4 +1,4 @@
-"""Products of the rows, summed up over segments of time that grow longer with age: a bounded memory. (96)"""
+"""Products of the rows, summed over segments of time that grow longer with age: a bounded memory. (96)"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,18 +6,18 @@ from typing import Final
 
 from drd.arrays import Array
 
-# So many segments of each length, the shortest first; the next are twice as long.
+# Number of segments of each length, the shortest first; each length is twice the one before.
 COUNTS: Final = (20, 10, 8, 6, 6, 6, 6, 6)
-FADES: Final = 0.5  # of the oldest, each time that it takes one in: what was an hour ago fades
+FADES: Final = 0.5  # factor on the oldest, each time it absorbs one: data of an hour ago fade
 
 
 @dataclass
 class Segment:
     """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks.
 
-    `rolled_m`: the travel of both wheels, mean, when it began; `turning_m`: in its turns.
+    `rolled_m`: mean travel of both wheels when it began; `turning_m`: that within its turns.
 
-    `is_white`: the scatter of the robot's constants is in their noise.
+    `is_white`: the noise includes the scatter of the robot's constants.
     """
 
     begin_s: float
@@ -31,7 +31,7 @@ class Segment:
 
 
 class Segments:
-    """Segments in order of time, the newest last. `white`: puts the scatter into a block's products."""
+    """Segments in order of time, the newest last. `white`: whitens a block's products for the scatter."""
 
     def __init__(self, white: Callable[[Array], Array]) -> None:
         self.all: list[Segment] = []
@@ -39,7 +39,7 @@ class Segments:
 
     @property
     def white(self) -> list[Segment]:
-        """All of them, with the scatter in their noise."""
+        """All segments, with the scatter in their noise."""
         return [s if s.is_white else replace(s, products=self._white(s.products), is_white=True) for s in self.all]
 
     def add(
@@ -52,7 +52,7 @@ class Segments:
         rolled_m: float = 0.0,
         turning_m: float = 0.0,
     ) -> None:
-        """A block. No segment that begins or ends at a time that is pinned is merged, so that it stays as short."""
+        """Add a block. Segments that begin or end at a pinned time are not merged, so that they stay short."""
         self.all.append(Segment(begin_s, end_s, distance_m, 0, products, False, rolled_m, turning_m))
         for level, most in enumerate(COUNTS):
             mine = [i for i, s in enumerate(self.all) if s.level == level]
@@ -63,14 +63,14 @@ class Segments:
                 if mine[0] in free:
                     self._merge(mine[0])
                 self.all[mine[0]].level += 1  # alone, it moves on
-            else:  # what is pinned stays, for as long as it is, beside as many as are kept anyway
+            else:  # pinned segments stay while pinned, in addition to the usual number
                 for i in free[: len(mine) - most][::-1]:
                     self._merge(i, FADES)
 
     def _merge(self, i: int, fades: float = 1.0) -> None:
         first, second = self.all[i], self.all.pop(i + 1)
         for one in (first, second):
-            if not one.is_white:  # blocks that become one can no longer be told apart
+            if not one.is_white:  # merged blocks can no longer be separated
                 one.products, one.is_white = self._white(one.products), True
         first.products, first.end_s = fades * first.products + second.products, second.end_s
         first.turning_m += second.turning_m

@@ -1,4 +1,4 @@
-"""Sums of the rows' products since each moment, and what robots do anyway in them. (96), (97)"""
+"""Sums of the rows' products since each moment, and the nuisance components in them. (96), (97)"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -11,9 +11,9 @@ from drd.arrays import Array
 from drd.monitor.library import BIAS, CHANGE, TRAVEL, TURN
 from drd.monitor.segments import Segment
 
-LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
-# Standard deviations of what a robot has whose wheels slip sideways in each turn, tread times gyro scale, the radii's
-# difference, the lag (in 10 ms), and how much of it changes in a second's root; of the bias at the start, rad/s.
+LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: with less, the noise is not observable
+# Standard deviations for wheels that slip sideways in each turn, of tread times gyro scale, the radii's difference and
+# the lag (in 10 ms), and of their random walks per sqrt(s); that of the initial bias, rad/s.
 SKIDDING: Final = {TURN: 0.5, TRAVEL: 0.03, CHANGE: 10.0}
 WANDERS: Final = {TURN: 0.02, TRAVEL: 0.005}
 FIRST_BIAS_RAD_S: Final = 0.02
@@ -22,9 +22,9 @@ LEAST: Final = 1e-30
 
 @dataclass(frozen=True)
 class Component:
-    """Columns that are in the data for sure, of a prior deviation, in segments from `begin` until before `end`.
+    """A nuisance of prior deviation `sigma`, in the segments from `begin` until before `end`.
 
-    `weights`: what each column of the rows counts.
+    `weights`: weight of each column of the rows.
     """
 
     weights: Mapping[int, float]
@@ -34,9 +34,9 @@ class Component:
 
 
 class Sums:
-    """Products of the rows from each segment's begin on, and what the components leave of them.
+    """Products of the rows from each segment's begin on, and their residuals after the components.
 
-    `free` (segments + 1,): how many segments that tell are before each, and in all.
+    `free` (segments + 1,): number of informative segments before each, and in all.
     """
 
     def __init__(
@@ -48,9 +48,9 @@ class Sums:
         components: Sequence[Component],
         edges: Collection[int] = (),
     ):
-        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid.
+        """`constants`: deviations of the constants from their calibration, for a robot that does not skid.
 
-        `edges`: segments within which something begins or ends, and that tell nothing, as nobody knows where.
+        `edges`: segments within which something begins or ends at an unknown time, and that are not used.
         """
         tells = np.array([i not in edges for i in range(len(segments))])
         self.each: Array = np.stack([s.products for s in segments]) * tells[:, None, None]
@@ -66,7 +66,7 @@ class Sums:
 
     @staticmethod
     def since(each: Array) -> Array:
-        """Sums of what is of each segment, from each on; after the last one nothing."""
+        """Sums over the segments from each one on; none after the last."""
         return np.concatenate([np.cumsum(each[::-1], 0)[::-1], np.zeros_like(each[:1])])
 
     def _fit(self, n: int) -> None:
@@ -93,7 +93,7 @@ class Sums:
                 self.theta[part.begin : part.end, c] += w * x
 
     def constant(self, column: int) -> tuple[float, float]:
-        """The component that holds a column all along: its value and its deviation."""
+        """Value and deviation of the component that holds a column all along."""
         n = len(self.length_s)
         at = max(i for i, p in enumerate(self._components) if p.weights == {column: 1.0} and (p.begin, p.end) == (0, n))
         sigma = self._components[at].sigma
@@ -104,7 +104,7 @@ class Sums:
         return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
 
     def scatter(self) -> tuple[Array, Array]:
-        """Sum of the segments' squared normalised scores by column, and how many segments tell. (97)"""
+        """Sum of the segments' squared normalised scores by column, and number of informative segments. (97)"""
         scores = self.each[:, :-1, -1] - (self.each[:, :-1, :-1] @ self.theta[:, :, None])[:, :, 0]
         information = np.diagonal(self.each, axis1=1, axis2=2)[:, :-1]
         tells = information > np.maximum(LEAST_SHARE * information.max(0), LEAST)
@@ -113,7 +113,7 @@ class Sums:
 
 
 def _usual(begins_s: Array, bias_walk: float, constants: Mapping[int, float], skids: bool) -> list[Component]:
-    """The gyro's bias, which walks by `bias_walk` (rad/s/sqrt(s)), and what is never quite as calibrated."""
+    """The gyro's bias, with random walk `bias_walk` (rad/s/sqrt(s)), and the constants' calibration errors."""
     n = len(begins_s)
     found = [Component({BIAS: 1.0}, FIRST_BIAS_RAD_S, 0, n)]
     walks = {BIAS: bias_walk, **(WANDERS if skids else {})}

@@ -1,4 +1,4 @@
-"""What a look at the readings shows by logic, before any regression: clipped and muted rates, stopped counters. (99)"""
+"""Faults that the readings show by logic, before any regression: clipped and muted rates, stopped counters. (99)"""
 
 import itertools
 from collections import deque
@@ -14,30 +14,30 @@ from drd.monitor.rows import STANDS_M, Rows
 
 Flags = npt.NDArray[np.bool_]
 
-SAME, SAME_SHARE = 1e-6, 0.6  # a turn at a constant rate scatters below its largest reading, a limit does not
+SAME, SAME_SHARE = 1e-6, 0.6  # readings in a steady turn scatter below the largest one, those at a limit do not
 ALIKE: Final = 3e-4  # relative: two readings at a limit, of a gyro that rounds
 FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
 FEWEST_HERE: Final = 4  # of them in one block
-FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
-BELOW: Final = 0.5  # of the largest rate: from here on a turn tells the tread of this ground, as no limit touches it
-KEEPS: Final = 0.7  # a block of what was told before: ground changes within some blocks
-SIGMAS: Final = 8.0  # nearly certain: no regression asks again
+FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is known better
+BELOW: Final = 0.5  # of the largest rate: turns above this, but below the limit, show the tread on this ground
+KEEPS: Final = 0.7  # memory factor per block: ground changes within some blocks
+SIGMAS: Final = 8.0  # nearly certain: no regression checks it again
 MISSED_SHARE: Final = 0.5  # of the other wheel's travel, that a stopped wheel must have missed
 MISSED_M: Final = 0.15
 STOPPED_S: Final = 0.5
 ZERO_RAD_S: Final = 1e-6  # no gyro has so small a digit
 FEWEST_ZEROS: Final = 30
-FEWEST_SILENT: Final = 10  # zeros: no gyro that reads its noise has so many and nothing small beside them
-MUTED_SIGMAS: Final = 6.0  # of the gyro's noise, below which no rate is seen though there should be some
+FEWEST_SILENT: Final = 10  # zeros: a gyro that reads its noise has not as many without other small readings
+MUTED_SIGMAS: Final = 6.0  # of the gyro's noise, below which rates are missing
 BLOCKS: Final = 30  # in which muted rates are counted: a minute
-SAME_SIGMAS: Final = 3.0  # of its noise, within which two readings may be one rate
+SAME_SIGMAS: Final = 3.0  # of its noise, within which two readings may be of one rate
 SURE_SIGMAS: Final = 3.0
-LEAST_READINGS: Final = 8  # that tell where a dead band ends: more lie too far beyond for readings to be as dense
+LEAST_READINGS: Final = 8  # that show where a dead band ends: further ones lie too far beyond for an even density
 
 
 @dataclass
 class Seen:
-    """A symptom of a side (or none), from when until when (s), and how large it is, SI. `sure`: enough was seen."""
+    """A symptom of a side (or none), with begin and end (s) and size (SI). `sure`: it was seen often enough."""
 
     symptom: Symptom
     side: str
@@ -52,7 +52,7 @@ class Seen:
 
 
 class _Small(NamedTuple):
-    """A block's begin, its rows of no rate and others, the least of these, and the least readings besides zeros."""
+    """A block's begin, its rows of zero rate and others, the least of these, and the least nonzero readings."""
 
     begin_s: float
     zeros: int
@@ -62,14 +62,14 @@ class _Small(NamedTuple):
 
 
 class Symptoms:
-    """Looks at each block; `seen` has what it found. `look` returns which rows say nothing of use, (n,)."""
+    """Examines each block; `seen`: the symptoms found. `look` returns flags of useless rows, (n,)."""
 
     def __init__(self, tread_m: float):
         self._tread_m = tread_m
         self.seen: dict[tuple[Symptom, str], Seen] = {}
         self._small: deque[_Small] = deque(maxlen=BLOCKS)
-        self._dead = 0  # zeros in faster turns, and nothing else
-        self._shown = self._older = np.zeros(0)  # readings beyond a dead band since it was found, and of before
+        self._dead = 0  # number of zeros in faster turns, while there is nothing else
+        self._shown = self._older = np.zeros(0)  # readings beyond a dead band since it was found, and before
         self._stops: dict[str, tuple[float, float, float]] = {}
         self._below_rad = 0.0, 0.0  # turn of the wheels and of the gyro, at rates below the largest
 
@@ -123,7 +123,7 @@ class Symptoms:
         return _beside(at) | none
 
     def _faster(self, wheels: Array, gyro: Array, share: Array, is_good: Flags) -> float:
-        """Turn of the wheels over the gyro's where no limit is, at least one: a tread that is off is no limit."""
+        """Ratio of the wheels' turn to the gyro's below the limit, at least one: a wrong tread is no limit."""
         below = (share > BELOW) & (share < 1.0 - ALIKE) & is_good
         by_wheels, by_gyro = self._below_rad
         if below.any():
@@ -163,21 +163,21 @@ class Symptoms:
             most_rad_s = min((b.least_rad_s for b in muted if b.others), default=0.0)
         else:
             return np.zeros(len(good), bool)
-        # A zero that is none would pass for another bias; one in a faster turn is no dead band's.
+        # A false zero would pass for another bias; a zero in a faster turn is not due to a dead band.
         slow = np.abs(wheels) <= most_rad_s * h + SURE_SIGMAS * np.sqrt(variance)
         is_zero = np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * h
         self._dead = 0 if len(others) else self._dead + int((is_zero & ~slow & good).sum())
-        if self._dead >= FEWEST_ZEROS:  # nor is it one if nothing else is read any more
+        if self._dead >= FEWEST_ZEROS:  # nor is there a dead band if only zeros are read
             self.seen.pop(key, None)
             return np.zeros(len(good), bool)
         return np.asarray(is_zero & slow)
 
     def _end_of_band(self, step_rad_s: float) -> tuple[float, float]:
-        """Where a dead band ends, and its deviation: as far before the least reading beyond it as the least are apart,
-        in the mean, give or take as much (Robson and Whitlock 1964).
+        """End of a dead band, and its deviation: before the least reading beyond it by the mean spacing of the least
+        readings, with a deviation of as much (Robson and Whitlock 1964).
         """
         least = self._shown
-        if len(least) < LEAST_READINGS:  # those of before may be older than the dead band
+        if len(least) < LEAST_READINGS:  # earlier ones may be older than the dead band
             least = _apart(np.concatenate([least, self._older]), step_rad_s)
         first, last = float(least[0]), float(least[-1])
         std = min((last - first) / max(len(least) - 1, 1) or first, 0.5 * first)
@@ -204,14 +204,14 @@ class Symptoms:
 
 
 def _apart(readings: Array, step: float) -> Array:
-    """The least readings besides zeros, in order: a steady rate, read again and again, tells no more than once."""
+    """The least nonzero readings, in order; a steady rate that is read repeatedly counts once."""
     some = np.sort(readings[readings > ZERO_RAD_S])
     _, at = np.unique(np.floor(some / max(step, ZERO_RAD_S)), return_index=True)
     return np.asarray(some[at][:LEAST_READINGS])
 
 
 def _beside(flags: Flags) -> Flags:
-    """These rows and their neighbours: what begins or ends within a row is in it."""
+    """Flags of these rows and their neighbours, within which the fault may begin or end."""
     found = flags.copy()
     found[1:] |= flags[:-1]
     found[:-1] |= flags[1:]

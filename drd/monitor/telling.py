@@ -1,4 +1,4 @@
-"""What the monitor knows, in words and numbers for those who read it."""
+"""Findings in words and numbers, from the monitor's results."""
 
 import math
 from collections.abc import Sequence
@@ -15,21 +15,21 @@ from drd.monitor.library import Hypothesis
 from drd.monitor.symptoms import Seen
 from drd.units import NS_PER_S
 
-FORGIVEN_NATS: Final = 0.5 * math.log1p(INFORMATION)  # what each size costs
-CLASS_NATS: Final = 3.0  # names so near are told, too, and one so much better takes the place
-FORM_SHARE: Final = 0.08  # of the evidence, that a form which is a bit wrong costs: 0.15^2, and some
-LEAST_SHARE: Final = 0.1  # of the likeliest name's probability: what is suspected has no name of less
+FORGIVEN_NATS: Final = 0.5 * math.log1p(INFORMATION)  # cost of each size
+CLASS_NATS: Final = 3.0  # names within this are reported, too; one better by this takes over
+FORM_SHARE: Final = 0.08  # of the evidence, lost by a slightly wrong form: 0.15^2, and a margin
+LEAST_SHARE: Final = 0.1  # of the likeliest name's probability: a suspicion lists no name below
 IN_TEXT: Final = 3  # names
 RULED_OUT_NATS: Final = 10.0
 SYMPTOM_SURE: Final = 0.98
 SYMPTOM_STD_S: Final = 0.1  # a row
-COMMON: Final = 0.01  # relative: what of both radii alike nobody knows without a position
-LAG_STD_S: Final = 0.01  # of a lag that correlation tells, of rows of 0.1 s
-SETTLES_S: Final = 120.0  # so long the begin of a finding is looked for again
+COMMON: Final = 0.01  # relative: common error of both radii, unobservable without a position
+LAG_STD_S: Final = 0.01  # of a lag from correlation, with rows of 0.1 s
+SETTLES_S: Final = 120.0  # for this long the onset of a finding is estimated again
 
 
 class Onset(NamedTuple):
-    """The segment within which something began: its begin, that one's deviation, and the distance until then."""
+    """Onset within a segment: the segment's begin, the onset's deviation, and the distance until then."""
 
     begin_s: float
     std_s: float
@@ -38,7 +38,7 @@ class Onset(NamedTuple):
 
 @dataclass
 class Known:
-    """A finding in the making: where it is in the sums, and what is to be told of it."""
+    """A finding before its report: its place in the sums, and its estimates."""
 
     hypothesis: int
     onset: Onset
@@ -57,7 +57,7 @@ class Known:
 
 
 class Suspected(NamedTuple):
-    """A suspicion in the making: the names, since when, and the odds that anything is there."""
+    """A suspicion before its report: names, onset, and log odds that there is any effect."""
 
     found: Posterior
     onset: Onset
@@ -65,12 +65,12 @@ class Suspected(NamedTuple):
 
 
 def class_nats(nats: float) -> float:
-    """How far names of one class lie below the best, which has `nats`. (98)"""
+    """Margin within which names are of one class with the best, which has `nats`. (98)"""
     return CLASS_NATS + FORM_SHARE * max(nats, 0.0)
 
 
 class Teller:
-    """Makes findings. `zero_ns`: time 0 of what is in s; `now_s`: the time by now."""
+    """Makes findings. `zero_ns`: time 0 of values in s; `now_s`: the present time."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], zero_ns: int, now_s: float):
         self._hypotheses, self._zero_ns, self._now_s = hypotheses, zero_ns, now_s
@@ -82,7 +82,7 @@ class Teller:
         own = found.nats.get(name, -math.inf)
         near = own - class_nats(own)
         mine = len(self._hypotheses[k.hypothesis].columns)
-        # Two sizes where one is enough cost it no likelihood.
+        # A second size that is not needed costs prior, not likelihood.
         forgiven = {
             n: max(0, len(self._hypotheses[f.hypothesis].columns) - mine) * FORGIVEN_NATS for n, f in found.best.items()
         }
@@ -92,7 +92,7 @@ class Teller:
         return self._zero_ns + round(at_s * NS_PER_S)
 
     def told(self, k: Known) -> Finding:
-        """A finding of the regression."""
+        """Make the report of a finding of the regression."""
         h, found = self._hypotheses[k.hypothesis], k.others
         assert found is not None
         own = found.nats[h.id]
@@ -116,7 +116,7 @@ class Teller:
         )
 
     def suspicion(self, suspected: Suspected) -> Suspicion:
-        """The suspicion, as it is told."""
+        """Make the report of a suspicion."""
         p, onset = 1.0 / (1.0 + math.exp(-suspected.odds_nats)), suspected.onset
         shares = suspected.found.shares()
         names = tuple((name, p * share) for name, share in shares.items() if share > LEAST_SHARE * max(shares.values()))
@@ -155,7 +155,7 @@ class Teller:
             return {
                 n: size(sign * half, s, 1.0, units[n].unit) for n, sign in zip(h.effect.linear(), (-1, 1), strict=True)
             }
-        # What grows is told as it is now, where the catalogue states what it is at the run's end.
+        # A growing effect is reported at its present size, where the catalogue states that at the run's end.
         at_end = h.growth and h.parameters[0].linear
         age_s = self._now_s - k.begin_s if at_end else 1.0
         for q, value, s in zip(h.parameters, values.tolist(), std.tolist(), strict=True):
@@ -181,7 +181,7 @@ class Teller:
         )  # fmt: skip
 
     def of_lag(self, lag_s: float, named_s: float) -> Finding:
-        """The lag of the wheels that the stamps were put right by, as the effect that it is; negative: the gyro's."""
+        """A finding of the lag of the wheels that corrects the stamps; negative: the gyro's."""
         constants = Calibrated(wheels_lag_s=lag_s) if lag_s > 0.0 else Calibrated()
         effects = [
             e

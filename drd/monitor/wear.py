@@ -13,21 +13,21 @@ from drd.units import NS_PER_S
 CHANGED: Final = "tyre_changed"
 LEAK: Final = "tyre_deflation"
 WEEK_DAYS: Final = 7.0
-TOLD_DAYS: Final = 30.0  # so long a change of tyres is told
-MOST_NATS: Final = 300.0  # no number overflows
-LEAST_SHARE: Final = 0.05  # of the likelier one's probability, at which the other is told
+TOLD_DAYS: Final = 30.0  # a change of tyres is reported for this long
+MOST_NATS: Final = 300.0  # prevents overflow
+LEAST_SHARE: Final = 0.05  # of the likelier one's probability, above which the other is reported
 SETTLE: Final = "measure both tyres' pressure"
 
 
 def is_wear(finding: Finding) -> bool:
-    """Whether a finding is one of earlier days, not of this drive."""
+    """Whether a finding is from earlier days, not from this drive."""
     return finding.settle == SETTLE
 
 
 def wear(memory: Memory, wall_zero_ns: int, now_ns: int) -> list[Finding]:
-    """Findings that the days show. `wall_zero_ns`: the wall clock where the findings' clock, now `now_ns`, is 0."""
+    """Findings over days. `wall_zero_ns`: the wall clock where the findings' clock, now `now_ns`, is 0."""
     days = memory.days
-    # The newest day alone names nothing: it may have had a load on one side.
+    # The newest day alone names nothing: the load may have been on one side.
     if len(days) < FEWEST_DAYS or not latest(days[:-1], TRAVEL).nats:
         return []
     last, clock = latest(days, TRAVEL), (wall_zero_ns, now_ns)
@@ -40,7 +40,7 @@ def wear(memory: Memory, wall_zero_ns: int, now_ns: int) -> list[Finding]:
 def _leak(days: list[Day], last: Latest, clock: tuple[int, int]) -> Finding:
     begin_ns = days[last.begin].wall_ns
     weeks = (days[-1].wall_ns - begin_ns) / DAY_NS / WEEK_DAYS
-    # The left radius less the right one falls: the left tyre.
+    # If the left radius less the right one falls, it is the left tyre.
     side = SIDES[0] if last.slope < 0.0 else SIDES[1]
     week, std = WEEK_DAYS * abs(last.slope), WEEK_DAYS * math.sqrt(last.covariance[1, 1])
     text = f"The {side} tyre has been losing {100.0 * week:.2g} % of its radius a week since {_date(begin_ns)}."
