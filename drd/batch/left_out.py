@@ -10,13 +10,13 @@ from drd.arrays import Array
 from drd.batch.logs import COUNTS, EncoderLog
 from drd.config.keys import Config
 
-# A counter that starts again steps by nearly all of its range; so many times its usual step is no motion.
+# A counter that restarts steps by nearly all of its range; this many times its usual step is no motion.
 RANGE_PART, USUAL_STEPS = 0.5, 10.0
-MANY_ROWS: Final = 10  # fewer do not tell what is usual
+MANY_ROWS: Final = 10  # fewer do not show the usual step
 
 
 def sentences(log: EncoderLog, config: Config, counters: dict[str, dict[str, int]]) -> Iterator[str]:
-    """Say what was left out of the logs by `counters`, those of `gyro_samples` and `wheel_samples` by part."""
+    """Say which rows were left out, by the `counters` of `gyro_samples` and `wheel_samples` by part."""
     fog, encoders = counters["fog"], counters["encoders"]
     known = np.diff(log.time_s) <= config.encoders.gap_s
     if log.is_lost is not None:
@@ -39,7 +39,7 @@ def sentences(log: EncoderLog, config: Config, counters: dict[str, dict[str, int
 
 
 def restarts(steps: Array, known: npt.NDArray[np.bool_]) -> int:
-    """Steps (n,) by which a counter starts again, or is torn away as far, of those that are `known` (n,)."""
+    """Count the `known` (n,) among the `steps` (n,) by which a counter restarts, or jumps as far."""
     size, reading = np.abs(steps), np.cumsum(np.where(known, steps, 0.0))
     moving = size[known & (size > 0.0)]
     if len(moving) < MANY_ROWS:

@@ -1,4 +1,4 @@
-"""Logs of a gyro and of wheel encoders: arrays, and how they are made of named columns."""
+"""Logs of a gyro and of wheel encoders: arrays, made from named columns."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ RATE_AND_TEMPERATURE: Final = (*RATE, "temperature_c")
 
 
 class Columns(Protocol):
-    """Arrays by the recording format's column names: a dictionary, a data frame."""
+    """Mapping of the recording format's column names to arrays: a dictionary, a data frame."""
 
     def __contains__(self, key: object, /) -> bool: ...
     def __getitem__(self, key: str, /) -> Any: ...

@@ -1,4 +1,4 @@
-"""The monitor over whole logs: what it would have said while the robot drove, to the bit."""
+"""The monitor run over whole logs, with the findings that it would have made live, to the bit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def monitor_logs(
 ) -> Monitored:
     """Monitor the samples that the daemon would have made of two logs. `watch` is called after each sample.
 
-    `known`: the robot's constants by earlier drives, if there were any.
+    `known`: the robot's constants from earlier drives, if any.
 
     Raises ConfigError where there is no gyro, or the logs do not overlap.
     """

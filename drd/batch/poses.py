@@ -19,10 +19,10 @@ from drd.units import S_PER_NS
 
 @dataclass(frozen=True)
 class Poses:
-    """Estimated poses in order of time, shape (n,) unless stated, seen from where the robot began.
+    """Estimated poses in order of time, shape (n,) unless stated, relative to the start.
 
-    x points ahead of the robot as it stood at the beginning, y to its left; the heading is counter-clockwise, and
-    whole turns are kept.
+    x points ahead of the robot at the start, y to its left; the heading is counter-clockwise, and whole turns are
+    kept.
     """
 
     time_s: Array  # on the wheels' clock
@@ -30,9 +30,9 @@ class Poses:
     y_m: Array
     heading_rad: Array
     covariance_m_rad: Array  # (n, 3, 3), of x in m, y in m and heading in rad
-    position_bound_m: Array  # Radius that holds the true position in 99 of 100 cases
+    position_bound_m: Array  # Radius that contains the true position in 99 of 100 cases
     validity: npt.NDArray[np.str_]  # "initialising", "valid", "degraded" or "invalid"
-    notes: tuple[str, ...] = ()  # Sentences on what in the input looks wrong
+    notes: tuple[str, ...] = ()  # Sentences on suspicious input
 
 
 def run_filter(
@@ -48,8 +48,8 @@ def run_filter(
     `gyro`: time_s (s, rising), rate_deg_s (the mean since the row before, counter-clockwise positive) and, where
     known, temperature_c; None: no gyro. `wheels`: time_s and left_counts, right_counts (cumulative, rising while the
     robot drives forward), or left_rad_s, right_rad_s (speeds of the wheels since the row before); two rows at least.
-    Both are mappings from these names to arrays (n,), such as a DataFrame, and their times are of one clock.
-    `calibration` is the gyro's, `model` what a diagnosis found: files, or what was loaded from them.
+    Both are mappings from these names to arrays (n,), such as a DataFrame, with times on one clock.
+    `calibration` is the gyro's, `model` the result of a diagnosis: files, or their loaded content.
 
     Raises ConfigError with the column, what was expected and what was found; or with file and line.
     """

@@ -1,4 +1,4 @@
-"""Samples in order of time, through the estimator that the daemon runs."""
+"""Runs samples in order of time through the estimator that the daemon runs."""
 
 import gc
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +26,7 @@ from drd.wiring.table import sentences
 
 T = TypeVar("T")
 TICK_NS: Final = round(TICK_S * NS_PER_S)
-# A recording whose times begin so near to 0 counts them from a moment of its own, such as the gyro's power-on.
+# A recording whose times begin this near to 0 counts them from a moment of its own, such as the gyro's power-on.
 ZERO_WITHIN_S: Final = 60.0
 
 
@@ -60,8 +60,8 @@ def filter_logs(
 ) -> Filtered:
     """Estimate from logs whose times were checked, see `check_times`.
 
-    `terms`: the effects that are taken off. `late_ns`: how much earlier than its row a sample was taken, of gyro and
-    wheels. `new_track`: see Estimator. `watch` hands on the samples, and may show how far they are. `zero_s`: see
+    `terms`: the effects to compensate. `late_ns`: how much earlier than its row a sample was taken, for gyro and
+    wheels. `new_track`: see Estimator. `watch` passes the samples on, and may show progress. `zero_s`: see
     `compensation`.
     """
     zero_ns = zero_of(fog, encoders)
@@ -88,8 +88,8 @@ def filter_logs(
 def compensation(
     terms: tuple[Term, ...], fog: FogLog | None, encoders: EncoderLog, config: Config, zero_s: float | None = None
 ) -> Compensation | None:
-    """Make what takes the terms off the logs' samples. Their time counts from `zero_s` on the logs' clock, see
-    `zero_for_terms`.
+    """Make the compensation of the terms for the logs' samples. Their time counts from `zero_s` on the logs' clock,
+    see `zero_for_terms`.
     """
     if not terms:
         return None
@@ -102,13 +102,13 @@ def compensation(
 
 
 def zero_for_terms(first_s: float) -> float:
-    """Where terms count time from, s, in logs whose first row is at `first_s`: their 0 if that is near, else there."""
+    """Origin of the terms' time, s, in logs whose first row is at `first_s`: 0 if that is near, else `first_s`."""
     return 0.0 if abs(first_s) <= ZERO_WITHIN_S else first_s
 
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """No garbage collection: what is made inside is kept or in no cycle, and looking at it again and again costs."""
+    """Suspend garbage collection: objects made inside are kept or in no cycle, and scanning them costs time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -124,9 +124,9 @@ def run(
     wheels: list[WheelSample],
     watch: Callable[[list[Any]], Iterable[Any]] = iter,
 ) -> list[Pose]:
-    """Feed samples in order of time, and a tick every TICK_S as the daemon does; the poses.
+    """Feed samples in order of time, with a tick every TICK_S as in the daemon; returns the poses.
 
-    At the same stamp the gyro's sample comes first, so that the wheels' pose has it, then the wheels', then the tick.
+    At the same stamp the gyro's sample comes first, so that the wheels' pose uses it, then the wheels', then the tick.
     """
     samples: list[Any] = sorted([*gyro, *wheels], key=_time)  # stable
     poses: list[Pose] = []

@@ -1,4 +1,4 @@
-"""Logs as the samples that the daemon would have made of them."""
+"""Converts logs to the samples that the daemon would have made."""
 
 import math
 from pathlib import Path
@@ -20,7 +20,7 @@ from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 Times = npt.NDArray[np.int64]
 # The first row's time on the estimator's clock, to which 0 means "never".
 FIRST_NS: Final = 1000 * NS_PER_S
-# A gyro row so many typical intervals after the one before is not the mean over all that time: rows are missing.
+# A gyro row this many typical intervals after the one before is not the mean over that time: rows are missing.
 MISSING_ROWS: Final = 1.5
 # Whole ns up to here fit into 64 bits; and in a longer pause every tick would give a pose.
 LATEST_S: Final = 4e9
@@ -28,7 +28,7 @@ LONGEST_GAP_S: Final = 86_400.0
 
 
 def check_times(fog: FogLog | None, encoders: EncoderLog, names: tuple[str, str] = ("gyro", "wheels")) -> None:
-    """Times are seconds, and the two logs belong together. Raises ConfigError with the log's name."""
+    """Check that times are in seconds and that the two logs overlap. Raises ConfigError with the log's name."""
     wheels_s = encoders.time_s
     gyro = [] if fog is None else [(names[0], fog.time_s)]
     for name, time_s in [(names[1], wheels_s), *gyro]:
@@ -50,13 +50,13 @@ def zero_of(fog: FogLog | None, encoders: EncoderLog) -> int:
 
 
 def rate_hz(log: FogLog | EncoderLog) -> float:
-    """How many rows a second the log has."""
+    """Rows per second of the log."""
     return 1.0 / float(np.median(np.diff(log.time_s))) if len(log.time_s) > 1 else 10.0
 
 
 def stamps_ns(time_s: Array, zero_ns: int) -> Times:
     """Times as whole ns on the estimator's clock, shape (n,)."""
-    # Seconds and their fraction apart: the product of 1.7e9 s (an epoch) with 1e9 has no room for ns in a double.
+    # Seconds and their fraction separately: a double cannot hold 1.7e9 s (an epoch) times 1e9 to the ns.
     whole = np.floor(time_s)
     return whole.astype(np.int64) * NS_PER_S + np.round((time_s - whole) * NS_PER_S).astype(np.int64) + zero_ns
 
@@ -69,7 +69,7 @@ def metres_per_count(config: Config) -> tuple[float, float]:
 
 
 def resolution_m(log: EncoderLog, config: Config) -> float:
-    """Wheel travel of one count, the larger of both sides; of a log of speeds, what a standstill may show."""
+    """Wheel travel of one count, the larger of both sides; for a log of speeds, the daemon's value without counts."""
     return UNCOUNTED_RESOLUTION_M if log.left_counts is None else max(map(abs, metres_per_count(config)))
 
 
@@ -77,10 +77,10 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
     """Samples, the time where the first one begins, and counters.
 
     Counts: differences of whole numbers, so that no rounding adds up. Speeds hold over the interval that ends with
-    their row, as in `Recording.wheel_angles_rad`: a drive shows a value that it measured before, and the daemon's
+    their row, as in `Recording.wheel_angles_rad`: a drive reports a value that it measured before, and the daemon's
     trapezoid, half an interval later, would add to that lag. After more than gap_s, or a step faster than
-    max_speed_m_s, the row is a new start as in the daemon; the time until then is the next sample's lost_s, and its
-    lost_m what the counters tell of it.
+    max_speed_m_s, the row is a new start as in the daemon; the time until then is the next sample's lost_s, and the
+    counters' travel in it lost_m.
     """
     t_ns = stamps_ns(log.time_s, zero_ns)
     robot, gap_ns = config.robot, round(config.encoders.gap_s * NS_PER_S)
@@ -95,7 +95,7 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
         left_m = log.left_rad_s[1:] * robot.wheel_radius_m * robot.left_scale * step_s
         right_m = log.right_rad_s[1:] * robot.wheel_radius_m * robot.right_scale * step_s
     gaps = step_ns > gap_ns if log.is_lost is None else (step_ns > gap_ns) | log.is_lost[1:]
-    # As the daemon's counters: rows that were written in bunches may carry a whole period's travel each.
+    # Like the daemon's counters: rows written in bursts may each carry a whole period's travel.
     largest_m = robot.max_speed_m_s * np.maximum(step_s, 1.0 / config.encoders.rate_hz)
     jumps = ~gaps & (np.maximum(np.abs(left_m), np.abs(right_m)) > largest_m)
     told = gaps & (step_s <= LONGEST_TOLD_S) & (np.maximum(np.abs(left_m), np.abs(right_m)) <= largest_m)
@@ -114,10 +114,10 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
 
 
 def gyro_samples(log: FogLog | None, config: Config, zero_ns: int) -> tuple[list[GyroSample], dict[str, int]]:
-    """Samples and counters; none where there is no gyro in the recording or in the configuration.
+    """Samples and counters; none without a gyro in the recording or in the configuration.
 
     A row is the mean since the row before. After a hole it is the mean over one typical interval, as is the first.
-    The range is looked at as in the daemon; its limit on acceleration is not, which is against broken packets.
+    The range is checked as in the daemon; its limit on acceleration, against broken packets, is not applied.
     """
     if log is None or config.fog.protocol == "none":
         return [], {}
