@@ -8,17 +8,17 @@ late. So phase and period of the beat are tracked against the arrivals, and the 
 Tracking: a Kalman filter with two states, phase and period. It is the alpha-beta filter whose gains fall as in a
 fit to all arrivals since the start and settle at a memory of some ten seconds, set by the sensor clock's drift.
 Packets are late, never early: an arrival before the predicted one is nearly exact, a later one proves little. Two
-measurement variances say so and put the phase near the smallest delay, not the mean one. Both corrections
+measurement variances express this and put the phase near the smallest delay, not the mean one. Both corrections
 of one arrival have the same sign and nearly the same ratio, so where the phase settles does not bias the period.
 
-Losses: where packets carry a counter it numbers the beats. Elsewhere a content may tell of one, and an arrival later
-than delays explain means loss; a lateness that delays could explain must last. A loss that was only a delay shows,
-since the next packets come early: it is taken back, and only losses that lasted are counted. A packet too many is one
-that came twice. After a stall of the host nothing is inferred until an arrival fits the beat again: what waited may
-come in parts, and a part that is given the time of its arrival leaves none for the others. Numbers that go on, less
-than two periods late, are those of a beat that goes on. Limits, for sensors without counter whose beat is within 0.5 %
-of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of single
-packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
+Losses: a packet counter, if any, numbers the beats. Elsewhere the content may show a loss, and so does an arrival
+later than delays explain; a lateness that delays could explain must last. A loss that was only a delay is recognised,
+since the next packets come early, and undone; only losses that lasted are counted. A surplus packet is one that came
+twice. After a stall of the host nothing is inferred until an arrival fits the beat again: delayed packets may come in
+parts, and a part that is stamped with its arrival leaves no time for the others. Counters that continue, less than two
+periods late, show that the beat continues. Limits, for sensors without counter whose beat is within 0.5 % of a multiple
+of the adapter's: in bundles, losses may stay uncounted, with the intervals spread over them; in single packets (an
+adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
 """
 
 from cmath import rect
@@ -31,35 +31,35 @@ from typing import Final, NamedTuple
 
 from drd.units import NS_PER_S, S_PER_NS
 
-# Delay of a packet beyond the smallest: standard deviation of a late one, of one that came before its prediction,
-# and the largest that a burst or a busy host causes often.
+# Delay of a packet beyond the smallest: standard deviation of a late packet, that of one before its prediction, and
+# the largest delay that a burst or a busy host often causes.
 LATE_S: Final = 0.01
 EARLY_S: Final = 0.001
 MAX_DELAY_S: Final = 0.03
-# By so many of its standard deviations, 5 ms at least, no packet is early.
+# No packet is early by this many standard deviations, at least 5 ms.
 EARLY_SIGMAS: Final = 5.0
 # Standard deviation of the sensor's clock against its nominal rate.
 NOMINAL_TOLERANCE: Final = 0.03
 # Random walk of the relative period per sqrt(s). DSP-3000: 0.2 % over temperature; some 0.01 % in a minute.
 DRIFT_PER_SQRT_S: Final = 1e-5
-# Losses are inferred from time once the period is known that well, after so many arrivals that fit.
+# Losses are inferred from time once the period is known this well, after this many arrivals that fit.
 LOCKED_TOLERANCE: Final = 0.005
 LOCKING: Final = 20
-# An arrival fits within the largest usual delay and this part of a period. So many in a row that do not fit have the
-# beat measured anew.
+# An arrival fits within the largest usual delay and this part of a period. After this many in a row that do not fit,
+# the beat is measured again.
 FIT_PART: Final = 0.1
 RELOCKING: Final = 8
-# What was held up may come packet by packet: at 10 Hz, of six seconds.
+# Delayed packets may come one by one: at 10 Hz, those of six seconds.
 HELD_UP_RELOCKING: Final = 64
-# Arrivals nearer than that, and than this part of a period, are one bundle, read in parts: a packet takes some 2 ms of
-# a line of 115200 Bd, and the host reads what is there.
+# Arrivals closer than this, and than this part of a period, are one bundle read in parts: a packet takes some 2 ms on
+# a line of 115200 Bd, and the host reads what has arrived.
 TOGETHER_S: Final = 0.005
 TOGETHER_PART: Final = 0.5
-# Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
-# and while an adapter bundles packets (the newest of a bundle has any age up to a period).
+# Number of arrivals that must all be late to show a loss, and that a loss must survive to be counted: for single
+# packets, and while an adapter bundles them (the newest of a bundle has any age up to a period).
 EVIDENCE: Final = 3
 EVIDENCE_BUNDLED: Final = 16
-# Ages scatter if so many of them, as phasors of one turn a period, add up to less than this part of their number.
+# Ages scatter if this many of them, as phasors of one turn per period, add up to less than this part of their number.
 SCATTER: Final = 64
 SCATTERED: Final = 0.5
 # Part of a period by which even the freshest arrival is late after a loss; the rest is for the phase's error.
@@ -84,9 +84,9 @@ class Stamp(NamedTuple):
 class SampleClock:
     """Times of one sensor's packets.
 
-    `rate_hz` is nominal; a wrong one is noticed and replaced. `sequence_modulus` is that of the packets' counter, None
+    `rate_hz` is nominal; a wrong one is detected and replaced. `sequence_modulus` is that of the packets' counter, None
     if they have none. `period_s` is the tracked beat. `counters`: `lost_packets`; `clock_relocks`, how often arrivals
-    would not fit the beat and it was measured anew.
+    did not fit the beat and it was measured again.
     """
 
     def __init__(self, rate_hz: float, sequence_modulus: int | None):
@@ -103,18 +103,18 @@ class SampleClock:
         self.restart()
 
     def restart(self) -> None:
-        """Begin with a new phase, the port being open again; what was missed is not counted, the period stays."""
+        """Begin with a new phase after the port was opened again; missed packets are not counted, the period stays."""
         self._synchronised = self._is_stalled = False
         self._last_sequence: int | None = None
         self._arrival_s = self._phase_s = self._phase_var = self._covariance = 0.0
         self._forget_evidence()
 
     def stalled(self) -> None:
-        """Note that the host stood still: packets that come late have waited, and are not the first after a loss."""
+        """Note a stall of the host: packets that come late were delayed, and do not follow a loss."""
         self._is_stalled = True
 
     def due(self, arrival_ns: int) -> int:
-        """Beats from the newest packet to one that arrives then; 0 while time is not conclusive."""
+        """Beats from the newest packet to one that arrives at `arrival_ns`; 0 while time is not conclusive."""
         if self._origin_ns is None or not self._locked or self._is_stalled:
             return 0
         return round(((arrival_ns - self._origin_ns) * S_PER_NS - self._phase_s) / self.period_s)
@@ -123,7 +123,7 @@ class SampleClock:
         """Times of the packets that were read together at `arrival_ns`, oldest first; strictly increasing.
 
         `sequences`: each packet's counter, or None. The last packet is the newest, the others are older by their beats.
-        `beats`: from each packet's predecessor to it as its content has it, where there is no counter; else 1.
+        `beats`: those from each packet's predecessor to it by its content, if there is no counter; else 1.
         """
         if not sequences:
             return []
@@ -157,14 +157,14 @@ class SampleClock:
 
     @property
     def _is_first_part(self) -> bool:
-        """Whether more of this bundle is to come: the age of its newest packet so far is unknown."""
+        """Whether more of this bundle will come: the age of its newest packet so far is unknown."""
         return not (self._rest or self._is_stalled) and self._habit > 0 and any(self._rests)
 
     @property
     def _waiting_s(self) -> float:
         """Age that the newest packet of a bundle may have: almost a period; 0 if there are no bundles.
 
-        One bundle of packets that are far apart is no adapter's habit but a host that was busy once.
+        A single bundle of packets that are far apart is due to a busy host, not to an adapter's habit.
         """
         is_habit = self._habit + (self._first + self._rest > 1) > 1
         return self.period_s if self._bundled and (self.period_s < MAX_DELAY_S or is_habit) else 0.0
@@ -181,10 +181,10 @@ class SampleClock:
         for sequence in sequences:
             last, self._last_sequence = self._last_sequence, sequence
             steps.append(1 if sequence is None or last is None else (sequence - last) % self._modulus)
-        if self._locked and not self._is_stalled:  # what waited comes in parts, long after it was sent
+        if self._locked and not self._is_stalled:  # delayed packets come in parts, long after they were sent
             turns = ((arrival_s - self._arrival_s) / self.period_s - sum(steps)) / self._modulus
             steps[0] += max(0, round(turns)) * self._modulus
-        # A packet that repeats its predecessor's number is a packet all the same.
+        # A packet that repeats its predecessor's number still counts as a packet.
         return [step or 1 for step in steps]
 
     def _synchronise(self, arrival_s: float) -> None:
@@ -197,17 +197,17 @@ class SampleClock:
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
         self._habit = 0  # bundles in a row before this one; an interval that is no multiple has one with a packet alone
-        self._first = self._rest = 0  # packets of this one: in its first part, and in others
+        self._first = self._rest = 0  # packets of this bundle: in its first part, and in others
         self._rests: deque[int] = deque([0], maxlen=2)
         self._misfits: list[tuple[float, int]] = []
         self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
-        self._is_sudden = False  # one arrival alone has shown the last inferred loss
+        self._is_sudden = False  # a single arrival has shown the last inferred loss
         self._inferred: deque[int] = deque([0], maxlen=EVIDENCE_BUNDLED)
         self._counted = 0
 
     def _resume(self, arrival_s: float, steps: list[int]) -> None:
-        """After a silence: count what is missing into `steps` and begin with a new phase."""
+        """Add the missing packets to `steps` after a silence, and begin with a new phase."""
         if self._modulus is None:
             steps[0] = max(1, round((arrival_s - self._phase_s) / self.period_s) - sum(steps[1:]))
         self.counters["lost_packets"] += sum(steps) - len(steps)
@@ -218,7 +218,7 @@ class SampleClock:
         """Compare the newest packet's arrival with the beat; return further beats that passed (loss inferred)."""
         self._advance(sum(steps))
         if self._modulus is None:
-            self._inferred[-1] += sum(steps) - len(steps)  # taken back where the next packets come early
+            self._inferred[-1] += sum(steps) - len(steps)  # undone if the next packets come early
         if self._is_first_part:
             return 0
         late_s, further = arrival_s - self._phase_s, 0
@@ -242,8 +242,8 @@ class SampleClock:
         return further
 
     def _surplus(self, late_s: float, packets: int) -> int:
-        """Number of packets that came twice: no loss is left to take back, and they are whole periods early. With a
-        fast sensor nothing tells, for the ages of its bundles drift by as much.
+        """Number of packets that came twice: no loss is left to undo, and they are whole periods early. Unobservable
+        with a fast sensor, as the ages of its bundles drift by as much.
         """
         most = packets - 1 if self.period_s >= MAX_DELAY_S and self._inferred[-1] == self._counted else 0
         early_s = max(LOSS_PART * self.period_s, self._earliest_s)
@@ -272,15 +272,15 @@ class SampleClock:
 
     @property
     def _early_limit_s(self) -> float:
-        """So early no packet comes of the beat with the inferred loss. Where several late arrivals have shown the loss,
-        they have drawn the phase, too: nothing but half a period, as far from the one beat as from the other, tells.
+        """Earliness that disproves the inferred loss. Several late arrivals that have shown the loss have also drawn
+        the phase: then only half a period, as far from the one beat as from the other, decides.
         """
         half_s = self.period_s / 2
         return min(half_s, self._earliest_s) if self._is_sudden else half_s
 
     @property
     def _earliest_s(self) -> float:
-        """So early no packet of the beat comes."""
+        """Earliness that no packet of the beat reaches."""
         return EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)
 
     def _shows_loss(self, lates_s: list[float]) -> bool:
@@ -321,15 +321,15 @@ class SampleClock:
         self._misfits.clear()
 
     def _misfit(self, arrival_s: float, beats: int, is_late: bool) -> None:
-        """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
+        """Keep the beat, unless misfits last: then measure it again from the arrivals that did not fit."""
         self._only_late = is_late and (self._only_late or not self._misfits)
-        if self._misfits and self._rest:  # its newest packet tells the most
+        if self._misfits and self._rest:  # a bundle's newest packet counts
             beats += self._misfits.pop()[1]
         self._misfits.append((arrival_s, beats))
         *whole, (_, newest) = self._misfits  # more of the newest bundle may come
         if len(whole) < RELOCKING:
             return
-        # Numbers that go on are those of a sensor whose beat goes on, too: what is late by a period or two is held up.
+        # Counters that continue mean that the beat does, too: packets late by a period or two are held up.
         goes_on = self._modulus is not None and self._locked and self._only_late
         if len(whole) < HELD_UP_RELOCKING and (goes_on or (self._is_stalled and self._waited(whole))):
             return
@@ -344,18 +344,18 @@ class SampleClock:
         self.counters["clock_relocks"] += 1
         self._is_stalled = False
         self._forget_evidence()
-        # Packets are late, never early: the least late of them all tells the phase.
+        # Packets are late, never early: the least late of them all gives the phase.
         latest, p = ends[-1] + newest, self.period_s
         firsts_s = (arrival + (latest - end) * p for (arrival, _), end in zip(whole, [0, *ends], strict=True))
         self._synchronise(min(arrival_s, *firsts_s))
 
     def _waited(self, bundles: list[tuple[float, int]]) -> bool:
-        """Whether the last of these came faster than the sensor sends: they have waited, and tell nothing of it."""
+        """Whether the last of these came faster than the sensor sends: they were delayed, and do not show its beat."""
         (first_s, _), *others = bundles[-RELOCKING:]
         return others[-1][0] - first_s < (1.0 - FIT_PART) * self.period_s * sum(beats for _, beats in others)
 
     def _stamps(self, steps: list[int], newest_s: float) -> list[Stamp]:
-        """Stamps of one chunk's packets, the newest at `newest_s`; none before a stamp that was given already."""
+        """Stamps of one chunk's packets, the newest at `newest_s`; none before an earlier stamp."""
         assert self._origin_ns is not None
         newest_ns = self._origin_ns + round(newest_s * NS_PER_S)
         beats, stamps = sum(steps), []

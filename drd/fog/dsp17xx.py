@@ -65,7 +65,7 @@ class Dsp17xxParser:
         self._skip(len(self._buffer))
 
     def _find_header(self) -> bool:
-        """Drop what stands before the next header; False, and only its possible beginning kept, if there is none."""
+        """Drop the bytes before the next header; without one, keep only its possible beginning and return False."""
         start = self._buffer.find(HEADER)
         self._skip(start if start >= 0 else len(self._buffer) - (len(HEADER) - 1))
         return start >= 0

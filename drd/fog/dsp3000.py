@@ -12,10 +12,10 @@ from drd.config.keys import Fog
 from drd.samples import FogReading
 from drd.units import RAD_PER_DEG
 
-# What a line must end with. Exactly six decimals: a digit that was lost on the way is noticed by it. Two blanks, or the
-# line's beginning, before the value: it is whole, whatever stands further ahead.
+# Required end of a line. Exactly six decimals, so that a lost digit is noticed. Two blanks, or the line's beginning,
+# before the value: it is complete, whatever stands further ahead.
 LINE_END: Final = re.compile(rb"(?:^ ?|  )(-?[0-9]{1,3}\.[0-9]{6}) {1,20}([01])\r\Z")
-# More than that can match, so that what is kept of a longer line cannot pass for its beginning.
+# More than can match, so that the kept end of a longer line cannot pass for its beginning.
 KEPT_BYTES: Final = 40
 FULL_TURN_DEG: Final = 360.0
 
@@ -23,9 +23,9 @@ FULL_TURN_DEG: Final = 360.0
 class Dsp3000Parser:
     """One reading a line, in the configured mode.
 
-    A line with two blanks before its value is found after any bytes. One with fewer is found only if the byte before
-    it is a line feed, or none since the start and it begins with a space or a sign: a value whose first digits were
-    cut off, or that garbage ran into, cannot be told from a whole one otherwise.
+    A line with two blanks before its value is found after any bytes. One with fewer is found only after a line feed,
+    or at the start if it begins with a space or a sign: otherwise a value whose first digits were cut off, or that
+    garbage ran into, cannot be distinguished from a complete one.
     """
 
     sequence_modulus: int | None = None
@@ -54,7 +54,7 @@ class Dsp3000Parser:
         if match is None or (may_be_cut and match.start(1) == 0 and line[:1].isdigit()):
             self.counters["malformed_lines"] += 1
             return None
-        # Garbage before a good line counts as a line of its own.
+        # Garbage before a good line counts as a separate line.
         self.counters["malformed_lines"] += bool(line[: match.start()].strip(b" "))
         self.counters["frames"] += 1
         valid = match[2] == b"1"

@@ -19,7 +19,7 @@ COUNTS_PER_FULL_SCALE: Final = 32768
 
 
 class EcoreParser:
-    """Any byte with the sync bit starts a frame, so an intact frame is found whatever stands before it."""
+    """Parser of frames: any byte with the sync bit starts one, so an intact frame is found whatever precedes it."""
 
     sequence_modulus: int | None = None
 
@@ -42,7 +42,7 @@ class EcoreParser:
                 continue
             self._frame.append(byte)
             if len(self._frame) == FRAME_BYTES:
-                # A frame with a bad sum holds no second sync bit, so there is nothing in it to scan again.
+                # A frame with a bad sum holds no second sync bit, so it need not be scanned again.
                 if (reading := self._decode()) is not None:
                     readings.append(reading)
                 self._frame.clear()
@@ -62,7 +62,7 @@ class EcoreParser:
             self.counters["bad_checksum"] += 1
             return None
         profile = self._profile
-        # With the status byte 0 (none) the mask is looked at nowhere.
+        # With the status byte 0 (none) the mask is not used.
         status = m[profile.status_byte] & profile.status_mask if profile.status_byte else None
         valid = status is None or status == profile.status_good & profile.status_mask
         temperature_c = nan

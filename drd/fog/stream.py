@@ -15,11 +15,11 @@ OVER_RANGE: Final = 0.999
 
 
 class FogStream:
-    """The gyro of one robot. `feed` never raises on bytes; readings that are not used leave a hole in time.
+    """The gyro of one robot. `feed` never raises on bytes; unused readings leave a gap in time.
 
-    A rate that the previous sample does not permit is kept back until the next one: released if they agree (a real
-    impact), else dropped. Needed since the E-Core's 8-bit sum lets 1 of 256 corruptions pass and a DSP-3000's line has
-    none. `temperature_c` is the last one received, None before. Raises ValueError for protocol none.
+    A rate that is implausible after the previous sample is held back until the next one: released if they agree (a
+    real impact), else dropped. Needed since the E-Core's 8-bit sum lets 1 of 256 corruptions pass and a DSP-3000's line
+    has none. `temperature_c` is the last one received, None before. Raises ValueError for protocol none.
     """
 
     def __init__(self, fog: Fog, max_acceleration_rad_s2: float):
@@ -29,7 +29,7 @@ class FogStream:
         self._max_rate_rad_s = OVER_RANGE * fog.full_scale_deg_s * RAD_PER_DEG
         self._sign = -1.0 if fog.positive == "clockwise" else 1.0
         self._latency_ns = round(fog.latency_s * NS_PER_S)
-        # Only this output loses no angle with a packet: the next one holds it.
+        # Only this output loses no angle with a packet: the next one contains it.
         self._spans_losses = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
         self._last: GyroSample | None = None
         self._suspect: GyroSample | None = None
@@ -62,11 +62,11 @@ class FogStream:
         return samples
 
     def stalled(self) -> None:
-        """Note that the host stood still: what arrives next has waited."""
+        """Note a stall of the host: the next bytes were delayed."""
         self._clock.stalled()
 
     def restart(self) -> None:
-        """Forget half a packet, the phase and a sample that waits for confirmation: the port was opened again."""
+        """Forget a partial packet, the phase and an unconfirmed sample: the port was opened again."""
         self._protocol.reset()
         self._clock.restart()
         self._newest = None
@@ -78,8 +78,8 @@ class FogStream:
         return is_copy
 
     def _beats(self, readings: list[FogReading], arrival_ns: int) -> list[int]:
-        """The beats whose turn each integrated angle holds, no more in all than are due: 1 if the acceleration limit
-        permits it, else what fits the rate before best. Of fast lines a missing one shows in time some lines later.
+        """Number of beats that each integrated angle spans, in total no more than are due: 1 if the acceleration limit
+        permits it, else the best fit to the previous rate. On a fast line a loss shows in time some lines later.
         """
         if self._last is None:
             return [1] * len(readings)
@@ -107,7 +107,7 @@ class FogStream:
         return GyroSample(t_ns, interval_s, self._sign * rate_rad_s, reading.temperature_c)
 
     def _plausible(self, sample: GyroSample) -> list[GyroSample]:
-        """The samples that are credible now that `sample` is known."""
+        """The samples that are plausible now that `sample` is known."""
         released = []
         if self._suspect is not None and self._permits(self._suspect, sample):
             released, self._suspect = [self._suspect, sample], None
