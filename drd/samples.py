@@ -93,7 +93,7 @@ class WheelTurns(NamedTuple):
 
 
 class Validity(Enum):
-    """How far the pose can be trusted."""
+    """Degree to which the pose can be trusted."""
 
     INITIALISING = "initialising"
     VALID = "valid"

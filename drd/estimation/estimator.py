@@ -199,7 +199,7 @@ class Estimator:
     # ---- the static bias ---------------------------------------------------------------------------------------
 
     def calibrate_bias(self) -> str | None:
-        """Measure the static bias anew. Returns why not, if the robot is not known to stand or has no gyro."""
+        """Measure the static bias again. Returns why not, if the robot is not known to stand or has no gyro."""
         if not self._has_gyro or not self._silence.gyro_ns:
             return "no gyro"
         if not self.standstill.still or self.reasons.has("encoders"):

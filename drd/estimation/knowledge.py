@@ -79,7 +79,7 @@ class Knowledge:
 
     def _stand(self, kf: Filter) -> None:
         """Undo the gyro's turn at rest, unless wheels may have turned so far between two counts. If the robot does
-        turn, as the wheels are late or slip, both headings are wrong by this. (29)
+        turn, because the wheels are late or slip, both headings are wrong by this. (29)
         """
         part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
         unbelieved_rad, is_known = self._taken_back_rad + part_rad, self.rest_noise.known

@@ -48,7 +48,7 @@ class Progress:
         self.wheels, self.gyro = Stream(), Stream()
         self.wheel_interval_s, self.gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
         self._reorder_ns = round(config.estimation.reorder_s * NS_PER_S)
-        # Longer than gap_s: within it a returning counter still tells the whole travel.
+        # Longer than gap_s: within it a returning counter still has the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + config.estimation.reorder_s) * NS_PER_S)
         self.is_stalled, self.pose_ns = False, 0
         self._stall = Stall(config)

@@ -18,7 +18,7 @@ class Silence:
         self._first_ns = 0
         self.gyro_ns = 0
         self.wheels_ns = 0
-        # The wheels were silent for so long that the pose was invalid; only a pose from outside mends that.
+        # The wheels were silent for so long that the pose was invalid; only a pose from outside clears that.
         self.was_lost = False
         # Until then nothing changes as long as samples arrive.
         self._calm_until_ns = 0

@@ -154,7 +154,7 @@ class BiasMeasurement:
             reasons.clear("bias")
 
     def take_over(self, other: "BiasMeasurement", rest_noise: RestNoise) -> None:
-        """Continue with another's result; a measurement in progress begins anew."""
+        """Continue with another's result; a measurement in progress starts again."""
         self.rest_noise, self.is_known = rest_noise, other.is_known
         if not other.active:
             self.state, self.averaged_s = other.state, other.averaged_s

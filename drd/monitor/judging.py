@@ -48,7 +48,7 @@ class Judge:
         return sums
 
     def decide(self, further_nats: float) -> None:
-        """Name a certain effect after a look, or judge a known one again. `further_nats`: beyond NAMED_NATS."""
+        """Name an effect if the evidence suffices, or judge a known one again. `further_nats`: beyond NAMED_NATS."""
         found = self.nothing
         assert found is not None
         beside = BESIDE_SHARE * max((k.estimate.nats for k in self.known), default=0.0)

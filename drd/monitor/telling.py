@@ -82,7 +82,7 @@ class Teller:
         own = found.nats.get(name, -math.inf)
         near = own - class_nats(own)
         mine = len(self._hypotheses[k.hypothesis].columns)
-        # A second size that is not needed costs prior, not likelihood.
+        # The Occam factor of a second size that is not needed is forgiven.
         forgiven = {
             n: max(0, len(self._hypotheses[f.hypothesis].columns) - mine) * FORGIVEN_NATS for n, f in found.best.items()
         }
