@@ -1,4 +1,4 @@
-"""All effects, found by looking: a new effect is a new module in this folder."""
+"""All effects, found by scanning this folder: a new effect is a new module in it."""
 
 import functools
 import importlib
@@ -10,7 +10,7 @@ from drd.effects.effect import ActsOn, Effect, Symptom
 
 @functools.cache
 def catalogue() -> dict[str, Effect]:
-    """The effects by their names, in the order in which they act: geometry first among the wheels', then by name."""
+    """The effects by name, in the order in which they act: geometry first among the wheels', then by name."""
     found: list[Effect] = []
     for module in pkgutil.iter_modules(drd.effects.__path__):
         effect = getattr(importlib.import_module(f"drd.effects.{module.name}"), "EFFECT", None)
@@ -22,5 +22,5 @@ def catalogue() -> dict[str, Effect]:
 
 
 def showing(symptom: Symptom) -> Effect:
-    """The effect of which raw readings show this."""
+    """The effect that shows this symptom in raw readings."""
     return next(effect for effect in catalogue().values() if effect.symptom is symptom)

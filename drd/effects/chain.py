@@ -1,4 +1,4 @@
-"""Several effects together, as a robot has them: for the simulator and for one effect behind others."""
+"""Several effects acting together, for the simulator and for an effect that follows others."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -12,13 +12,13 @@ from drd.effects.motion import Motion
 
 
 def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motion, Array]:
-    """What gyro and wheels say, and the body's sideways speed (m/s, left positive, shape (n,)), with these effects.
+    """Readings of gyro and wheels, and sideways speed of the body (m/s, left positive, shape (n,)), with these effects.
 
     Values are SI. Effects act in the catalogue's order, whatever the order given (the same effect twice: as given).
-    Each takes the gyro's rate and the wheels' speeds as those before left them: a limit clips the sum of all, a
-    latency delays what is there. Time, temperature, and the body's speed, heading and acceleration stay the truth.
-    A wheel turns by what its counter tells, less what makes the counter uneven: a larger wheel turns less.
-    Effects of the body act first, so they see the true rate. The motion given is not written to.
+    Each acts on the gyro's rate and the wheels' speeds that those before it produced: a limit clips their sum, a
+    latency delays it. Time, temperature, and the body's speed, heading and acceleration remain the true ones.
+    A wheel turns as its counter reports, apart from the counter's unevenness: a larger wheel turns less.
+    Effects of the body act first, so they see the true rate. The motion given is not changed.
     """
     order = list(catalogue())
     lateral_m_s: Array = np.zeros_like(motion.time_s)

@@ -1,4 +1,4 @@
-"""Effects taken off live: one sample at a time, the newest knowledge of everything else, no sample of the future."""
+"""Live correction of effects: one sample at a time, with the newest data of all else and none from the future."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,21 +14,21 @@ from drd.effects.model import Term
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 
-# Of an equation that is solved by iteration: rounds at most, and the error (rad/s, m/s) that is small enough.
+# Iterative solution of an equation: most rounds, and the tolerance (rad/s, m/s).
 ROUNDS: Final = 4
 SOLVED: Final = 1e-9
-# The same for the speed that the wheels' effects depend on: a metre per second halved so often is as small.
+# The same for the speed on which the wheels' effects depend: a metre per second halved so often is below it.
 PASSES, SPEED_SOLVED_M_S = 24, 1e-7
 # No slope of that equation is steeper: slip of 0.2 s^2/m at 2 m/s in samples of 1 ms makes -700.
 STEEPEST: Final = -1e3
-# A sample's mean speed is this much of the speed at its end, and the rest of that at its begin. One half would be the
-# middle, but then an error would alternate for ever; so it more than halves in two samples.
+# Weight of the speed at a sample's end in its mean speed; the rest is that of its start. With one half an error would
+# alternate for ever; with this it more than halves in two samples.
 END_WEIGHT: Final = 0.6
 # m^2/s^2
 TINY: Final = 1e-12
 # No wheeled robot of this kind speeds up or brakes harder.
 FASTEST_M_S2: Final = 3.0
-# Slopes of an error over its channel that are believed; others are a step of the effect's, such as a window's begin.
+# Credible slopes of an error over its channel; others come from a step of the effect, such as a window's start.
 SLOPES: Final = (-0.9, 9.0)
 
 Errors = tuple[float, ...]
@@ -36,7 +36,7 @@ NO_ERROR: Final[Errors] = (0.0, 0.0)
 
 
 class LiveTerm:
-    """One effect with its parameters in SI, its clip, and its parameters one standard deviation further."""
+    """One effect with its parameters in SI, its clip, and its parameters each one standard deviation off."""
 
     def __init__(self, m: LiveMotion, term: Term):
         self.effect: Effect = term.effect
@@ -50,20 +50,20 @@ class LiveTerm:
             self.effect.correction(m, values)
 
     def gyro(self) -> Errors:
-        """rad/s"""
+        """Rate error, rad/s."""
         return (scalar(self.effect.correction(self._m, self.values).gyro_rad_s),)
 
     def wheels(self) -> Errors:
-        """m/s, left and right"""
+        """Speed errors, m/s, left and right."""
         errors = self.effect.correction(self._m, self.values)
         return scalar(errors.left_m_s), scalar(errors.right_m_s)
 
     def lateral(self) -> Errors:
-        """m/s, to the left"""
+        """Sideways speed, m/s, to the left."""
         return (scalar(self.effect.correction(self._m, self.values).lateral_m_s),)
 
     def gyro_variance(self) -> float:
-        """(rad/s)^2, of the parameters' standard deviations; those of a file are taken as independent."""
+        """Variance due to the parameters, (rad/s)^2; those of a file are taken as independent."""
         if not self._further:
             return 0.0
         here = self.gyro()[0]
@@ -71,13 +71,13 @@ class LiveTerm:
 
 
 class Compensation:
-    """Takes a model's effects off the samples of one run.
+    """Removes a model's effects from the samples of one run.
 
-    `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
+    `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for effects that last so long.
     `outside`: a covariate of the last sample was outside the range in which an effect was seen, or an effect could not
-    be undone. `lateral_m_s`: the body's own sideways speed in the last wheel sample. `gyro_delay_ns`,
-    `wheel_delay_ns`: how old the last samples were. `relative_tread`: the effective tread over the stated one.
-    `initial`: what the model leaves unsure of the filter's states, by the keys of `estimation.initial`, in SI.
+    be inverted. `lateral_m_s`: the body's own sideways speed in the last wheel sample. `gyro_delay_ns`,
+    `wheel_delay_ns`: age of the last samples. `relative_tread`: the effective tread over the stated one.
+    `initial`: the model's standard deviations of the filter's states, by the keys of `estimation.initial`, in SI.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Compensation:
             m.left_m_s[0], m.right_m_s[0] = left, right
             self.lateral_m_s = sum(self._error(term, term.lateral)[0] for term in self._body)
         for i, angle in enumerate(angles):
-            # The counter's angle, less what makes it uneven: a wheel that is too large does not turn the less for it.
+            # The counter's angle without its unevenness: a wrong radius does not change how far the wheel turned.
             ripple = sum(t.error[i] for t in self._wheels if t.effect.uneven)
             angle[0] += 0.5 * turned[i] - ripple * interval_s / self._radius_m[i]
         return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, *sample[4:])
@@ -146,9 +146,9 @@ class Compensation:
     def _true_wheels(
         self, reading: tuple[float, float], time_s: float, interval_s: float, rate: float | None
     ) -> tuple[float, float]:
-        """Speeds from which the effects make the reading; the body's speed and acceleration are their mean's."""
+        """True wheel speeds behind the reading; the body's speed and acceleration are those of their mean."""
         m, (left, right) = self._m, reading
-        # The sample before was off by nearly as much, and its equation as steep.
+        # The error and the slope are nearly those of the previous sample.
         x, old_x, old_off = 0.5 * (left + right) - self._off_m_s, 0.0, 0.0
         for term in self._wheels:
             term.error = NO_ERROR
@@ -157,9 +157,9 @@ class Compensation:
             self._ahead(interval_s, x)
             left, right = reading
             for term in self._wheels:
-                # From the error of the pass before, which is nearly the same.
+                # Start from the error of the previous pass, which is nearly the same.
                 left, right = self._solve(term, term.wheels, (m.left_m_s, m.right_m_s), (left, right), term.error)
-            # Falls at least as fast as x grows: the more acceleration, the more slip to take off. So the root is near.
+            # Falls at least as fast as x grows (more acceleration, more slip to remove), so the root is near.
             off = 0.5 * (left + right) - x
             if abs(off) < SPEED_SOLVED_M_S:
                 break
@@ -182,10 +182,10 @@ class Compensation:
         return left, right
 
     def _ahead(self, interval_s: float, mean: float) -> float:
-        """Speed and acceleration if the mean of both wheels is `mean`; returns the speed at the sample's end.
+        """Set speed and acceleration for a mean wheel speed `mean`; return the speed at the sample's end.
 
         The acceleration is such that speed times acceleration adds up to half the change of the squared speed: slip
-        at a start and in the stop after it cancel, as they do in truth, and no delay piles up. (39)
+        in starting and stopping then cancels, as in reality, and no delay accumulates. (39)
         """
         m, begin = self._m, self._end_m_s
         end = (mean - (1.0 - END_WEIGHT) * begin) / END_WEIGHT
@@ -205,13 +205,13 @@ class Compensation:
         reading: Errors,
         likely: Errors = NO_ERROR,
     ) -> Errors:
-        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (39)
+        """Solve x + error(x) = reading by the secant method per channel: exact where the error is linear. (39)
 
-        `likely`: the error from which it sets out.
+        `likely`: initial guess of the error.
         """
 
         def tried(x: Errors) -> tuple[Errors, Errors]:
-            """The error at x, and by how much x with it is off the reading."""
+            """The error at x, and the residual x + error - reading."""
             for channel, value in zip(channels, x, strict=True):
                 channel[0] = value
             error = self._error(term, errors)
@@ -227,16 +227,16 @@ class Compensation:
             old_x, old_off = x, off
             x = tuple(a - b for a, b in zip(x, steps, strict=True))
         if not (left := max(map(abs, off))) < SOLVED:
-            # An effect that cannot be undone runs away: then the reading as it is comes nearer to the truth.
+            # For an effect that cannot be inverted this diverges; the reading itself is then closer to the truth.
             if left <= max(map(abs, tried(reading)[1])):
-                tried(x)  # the motion is that of x again
+                tried(x)  # sets the motion back to x
             else:
                 x, error, self.outside = reading, (0.0,) * len(reading), True
         term.error = error
         return x
 
     def _error(self, term: LiveTerm, errors: Callable[[], Errors]) -> Errors:
-        """The error, its covariates clipped to where it was seen."""
+        """The error, its covariates clipped to the range in which it was seen."""
         if not term.clip.is_bounded:
             return errors()
         outside = term.clip.apply()
@@ -245,7 +245,7 @@ class Compensation:
         return found
 
     def _variance(self, term: LiveTerm) -> float:
-        """What the parameters' spread adds, and, outside the range seen, what the clip left out. (40)"""
+        """Variance due to the parameters and, outside the range seen, to what the clip left out. (40)"""
         if not term.clip.is_bounded:
             return term.gyro_variance()
         free = term.gyro()[0]
@@ -292,23 +292,23 @@ class Compensation:
 
 
 def in_order(terms: Sequence[Term]) -> list[Term]:
-    """In the order in which the effects act."""
+    """Sort terms by the order in which their effects act."""
     acts = list(ActsOn)
     return sorted(terms, key=lambda term: (acts.index(term.effect.acts_on), term.effect.id))
 
 
 def initial_of(terms: Sequence[Term]) -> dict[str, float]:
-    """Standard deviations of what the terms say of the filter's states; of two wheels the larger. (40)"""
+    """Standard deviations that the terms state of the filter's states; the larger of two wheels'. (40)"""
     found: dict[str, float] = {}
     for term in terms:
         stds, relative_tread = term.stds(), term.effect.relative_tread(term.values())
         for q in term.effect.parameters:
-            if q.initial and q.name in stds:  # relative to the tread that the model makes of it
+            if q.initial and q.name in stds:  # relative to the model's effective tread
                 found[q.initial] = max(found.get(q.initial, 0.0), stds[q.name] / relative_tread)
     return found
 
 
 def _secant(x: float, off: float, old_x: float, old_off: float) -> float:
-    """The step to be taken back: Newton's, with the slope between the last two points."""
+    """The step to subtract: Newton's, with the slope between the last two points."""
     slope = (off - old_off) / (x - old_x) - 1.0 if x != old_x else 0.0
     return off / (1.0 + slope) if SLOPES[0] < slope < SLOPES[1] else off

@@ -15,7 +15,7 @@ Values = Mapping[str, float | str]
 
 
 class Symptom(Enum):
-    """What a look at the raw readings shows by logic, before any regression."""
+    """Symptom that the raw readings show directly, before any regression."""
 
     CLIPPED = "readings pile up at the largest rate"
     STOPPED = "a counter stands still while its wheel turns"
@@ -24,7 +24,7 @@ class Symptom(Enum):
 
 
 class Begins(Enum):
-    """How an effect is there while a robot drives."""
+    """When an effect sets in, and whether it grows."""
 
     SUDDENLY = "at any moment, and stays"
     GROWING = "at any moment, and grows in proportion to the time since"
@@ -32,24 +32,24 @@ class Begins(Enum):
 
 
 class ActsOn(Enum):
-    """Where an effect enters. Effects act in this order; they are taken off in the reverse one."""
+    """Where an effect enters. Effects act in this order and are removed in reverse order."""
 
     BODY = "body"
     WHEELS = "wheels"
     GYRO = "gyro"
     TIMING = "timing"
-    READOUT = "readout"  # what becomes of the sum of everything before
+    READOUT = "readout"  # acts on the sum of everything before it
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One parameter. Files and reports have it in `unit`, formulas in SI: `si` is the SI value of one unit.
 
-    `low` to `high`, in `unit`, is the plausible range of its size, `signed` whether it comes with either sign,
+    `low` to `high`, in `unit`, is the plausible range of its magnitude, `signed` whether it may have either sign,
     `neutral` the value without any effect.
-    `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a reference point that is
-    chosen (the only variant has it), not estimated: together with it the linear parameters would not be determined.
-    `moment`: a time of the recording. `initial`: the key of `estimation.initial` that its standard deviation is one of.
+    `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a chosen reference point
+    (the only variant has it), not estimated: the linear parameters would not be identifiable along with it.
+    `moment`: a time of the recording. `initial`: the key of `estimation.initial` that its standard deviation sets.
     """
 
     name: str
@@ -68,11 +68,11 @@ class Parameter:
 
     @property
     def is_angle(self) -> bool:
-        """A phase: two columns a quarter turn apart make any of it."""
+        """Whether it is a phase: two columns a quarter turn apart span all of them."""
         return self.unit == "rad" and not self.linear
 
     def step(self, at: float) -> float:
-        """A step off a value, SI, for a numerical derivative."""
+        """Step from a value for a numerical derivative, SI."""
         if self.moment:
             return 0.5
         if self.unit in ("rad", "degC"):
@@ -80,7 +80,7 @@ class Parameter:
         return min(max(0.02 * abs(at), self.low * self.si), 0.5 * abs(at) or math.inf)
 
     def bounded(self, at: float, move: float) -> float:
-        """A move off a value, SI, no longer than a form that is not linear allows."""
+        """Limit a move from a value, SI, to what a nonlinear form allows."""
         if self.linear:
             return move
         if self.moment:
@@ -93,10 +93,10 @@ class Parameter:
 
 
 class Errors(NamedTuple):
-    """What an effect adds, as arrays of the motion's shape, or 0.
+    """Errors that an effect adds, as arrays of the motion's shape, or 0.
 
-    To the gyro's rate, to the speed that each wheel's counter tells, and to the body's own sideways speed (left
-    positive), which no sensor tells.
+    They add to the gyro's rate, to the speed that each wheel's counter reports, and to the body's own sideways speed
+    (left positive), which no sensor measures.
     """
 
     gyro_rad_s: Array | float = 0.0
@@ -115,10 +115,10 @@ class Delays(NamedTuple):
 class Calibrated(NamedTuple):
     """Constants of a robot, as a calibration measures them.
 
-    Radii and tread over those believed; how much later than its motion the wheels tell it at time 0, s, and by how much
-    that grows, s/s. `by_gyro`: the reference is late by itself, so that all lags are counted from the gyro;
-    `gyro_lag_s`: how much later than the wheels that is, which cannot be early. `gyro_clock`: actual rate of the gyro's
-    samples over that by which they are stamped.
+    Radii and tread over the nominal ones; the wheels' delay behind the motion at time 0, s, and its growth, s/s.
+    `by_gyro`: the reference is itself delayed, so that all lags are relative to the gyro; `gyro_lag_s`: the gyro's
+    delay behind the wheels, which cannot be early. `gyro_clock`: actual rate of the gyro's samples over the rate at
+    which they are stamped.
     """
 
     left: float = 1.0
@@ -131,11 +131,11 @@ class Calibrated(NamedTuple):
     gyro_clock: float = 1.0
 
 
-NOMINAL = Calibrated()  # as robot.yaml has it
+NOMINAL = Calibrated()  # as robot.yaml states it
 
 
 class Chance(NamedTuple):
-    """What a simulated trial has drawn, for effects to take their values from. Numbers are uniform from 0 to 1."""
+    """Random draws of a simulated trial, from which effects take their values. Numbers are uniform from 0 to 1."""
 
     side: str = ""
     begin_s: float = 0.0
@@ -153,21 +153,21 @@ class Chance(NamedTuple):
 class Effect:
     """One physical effect. Its class docstring says in one sentence what it is.
 
-    `covariate` is the variable that it depends on; `proportional`: to which it is by geometry, so that what was seen
-    over a range holds beyond it and with the other sign, as no slip does, which saturates. `manoeuvre` is the drive
-    that shows it best. `remainder` is the largest share of itself that its removal leaves behind on samples at 10 and
-    20 Hz; `irreversible` says why it cannot be undone, or is empty. `lasting`: its parameters still hold in the next
-    run. `beside`: an effect of one parameter, up to which alone its form is known. `essential`: the linear parameter
-    without which it is another effect. `uneven`: it makes a counter uneven within a turn; the wheel turns no less.
+    `covariate`: the variable on which it depends; `proportional`: in proportion, by geometry, so that a fit over some
+    range holds beyond it and for the other sign (not so slip, which saturates). `manoeuvre`: the drive that excites it
+    best. `remainder`: largest share of it left after correction, on samples at 10 and 20 Hz; `irreversible`: why it
+    cannot be corrected, or empty. `lasting`: its parameters still hold in the next run. `beside`: an effect of one
+    parameter, up to which its form is known. `essential`: the linear parameter without which it is another effect.
+    `uneven`: it makes a counter uneven within a turn, without changing how far the wheel turns.
 
-    For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression looks for it besides.
-    `geometry`: it makes other speeds of the wheels, and what acts on the wheels besides acts on those.
-    `repeats`: it may be there more than once; `recurs`: it comes again for the asking. `needs_wheels`: why nothing is
-    known of it without them, or empty. `caveat`: what looks the same, a sentence; `advice`: one for the drive that is
+    For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression also looks for it.
+    `geometry`: it changes the wheels' speeds, and other effects on the wheels act on the changed ones.
+    `repeats`: it may occur more than once; `recurs`: a new drive can show it again. `needs_wheels`: why it cannot be
+    identified without wheels, or empty. `caveat`: a sentence on what looks the same; `advice`: one on the drive that is
     to show it, in which `{from_s}` is when an interval of other ground begins.
 
-    For a monitor on the robot. `begins`: how it comes; `needs_position`: why gyro and wheels alone do not show it, or
-    empty; `opposed`: of its two parameters only the difference shows without a position.
+    For a monitor on the robot. `begins`: how it sets in; `needs_position`: why gyro and wheels alone do not show it, or
+    empty; `opposed`: without a position, only the difference of its two parameters shows.
     """
 
     id: ClassVar[str]
@@ -198,66 +198,66 @@ class Effect:
 
     @property
     def sentence(self) -> str:
-        """What it is, for humans."""
+        """The class docstring as one line, for humans."""
         return " ".join((self.__doc__ or "").split())
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """What it adds to the motion's channels. The one home of the formula."""
+        """Errors added to the motion's channels. The only place of the formula."""
         raise NotImplementedError
 
     def correction(self, m: Motion, p: Values) -> Errors:
-        """What is to be subtracted from a live sample, `m` being the motion without this effect, of shape (1,)."""
+        """Errors to subtract from a live sample; `m` is the motion without this effect, of shape (1,)."""
         return self.error(m, p)
 
     def delays(self, time_s: float, p: Values) -> Delays:
-        """What is to be subtracted from the stamps."""
+        """Delays to subtract from the stamps."""
         return Delays()
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        """Values (SI) of the parameters that are not linear, between which the diagnosis is to choose first."""
+        """Values (SI) of the nonlinear parameters among which the diagnosis chooses first."""
         return [{}]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        """Values (SI) of the parameters that are not linear, for a monitor: the same at any time of a run.
+        """Values (SI) of the nonlinear parameters, for a monitor: the same at any time of a run.
 
-        Without linear parameters the size is in them: small, so that the error is in proportion to it.
+        Without linear parameters they include the size: small, so that the error is proportional to it.
         """
         return self.variants(m)
 
     def other_shapes(self, m: Motion, p: Values | None = None) -> list[Errors]:
-        """Other forms that the same cause may have, of any size: the catalogue's form is always a bit wrong.
+        """Other forms that the same cause may have, of any size: the catalogue's form is never exact.
 
-        Those near the parameters `p` that are not linear; without `p`, near the middle one of the variants.
+        They lie near the nonlinear parameters `p`; without `p`, near the middle variant.
         """
         variants = self.variants(m)
         return self.shapes(m, variants[len(variants) // 2] if p is None else p)
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
-        """What `other_shapes` gives; each effect has its own."""
+        """Forms for `other_shapes`; each effect has its own."""
         return []
 
     def clipped(self, rate_rad_s: Array, p: Values) -> Array:
-        """Readings (n,) of the gyro, noise included, as far as its output can tell them."""
+        """Readings (n,) of the gyro, noise included, limited to the range of its output."""
         return rate_rad_s
 
     def hidden(self, rate_rad_s: Array, p: Values) -> Array | None:
-        """Those of the rates (n,) that leave no trace in the reading; None: a threshold is no part of this effect."""
+        """The rates among (n,) that leave no trace in the reading; None: this effect has no threshold."""
         return None
 
     def lag_s(self, p: Values) -> float:
-        """Time constant behind which its covariate is felt; 0: at once."""
+        """Time constant of the lag of its covariate; 0: no lag."""
         return 0.0
 
     def absorbed(self, p: Values, k: float) -> Values | None:
-        """Parameters with which the effect does what `beside` does with `k`, too; None where it cannot."""
+        """Parameters with which the effect includes that of `beside` at `k`; None where it cannot."""
         return None
 
     def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
-        """Parameters of what `symptom` shows: of which wheel, from when until when, and how large, SI."""
+        """Parameters of the effect that `symptom` shows: which wheel, from when until when, and its size, SI."""
         raise NotImplementedError
 
     def calibrated(self, constants: Calibrated) -> Values | None:
-        """Parameters (SI) of a robot with these constants; None where they say nothing of this effect."""
+        """Parameters (SI) for a robot with these constants; None where they say nothing about this effect."""
         return None
 
     def is_neutral(self, p: Values) -> bool:
@@ -265,7 +265,7 @@ class Effect:
         return all(p[q.name] == q.neutral for q in self.parameters)
 
     def is_plausible(self, p: Values) -> bool:
-        """Whether parameters that are each of a plausible size are so together, too."""
+        """Whether parameters that are plausible one by one are plausible together."""
         return True
 
     def relative_tread(self, p: Values) -> float:
@@ -273,20 +273,20 @@ class Effect:
         return 1.0
 
     def drawn(self, m: Motion, chance: Chance) -> Values:
-        """Values (SI) of the parameters that are not linear, for a simulated trial along a motion."""
+        """Values (SI) of the nonlinear parameters, for a simulated trial along a motion."""
         found: dict[str, float | str] = {SIDE.name: chance.side, START.name: chance.begin_s, END.name: chance.end_s}
         return {q.name: found[q.name] for q in self.parameters if q.name in found}
 
     @property
     def channel(self) -> str:
-        """Whose error it is, also where it acts on the timing or the readout: gyro, wheels or body."""
+        """Channel of the error, also where it acts on timing or readout: gyro, wheels or body."""
         if self.acts_on is ActsOn.BODY:
             return "body"
         return "gyro" if self.id.startswith("gyro_") else "wheels"
 
     @property
     def is_diagnosed(self) -> bool:
-        """Whether a diagnosis may name it: by a regression, or by what raw readings show."""
+        """Whether a diagnosis may name it: from a regression, or from raw readings."""
         return self.searched or self.symptom is not None
 
     def linear(self) -> tuple[str, ...]:
@@ -295,17 +295,17 @@ class Effect:
 
 
 def number(p: Values, name: str) -> float:
-    """A parameter that is a number."""
+    """A numeric parameter."""
     return float(p[name])
 
 
 def largest(values: Array) -> float:
-    """Of their sizes; not zero, so that one can divide by it."""
+    """Largest magnitude; never zero, so that one can divide by it."""
     return max(float(np.max(np.abs(values))), 1e-9)
 
 
 def on_side(p: Values, values: Array) -> Errors:
-    """Errors of the wheel that `side` names."""
+    """Errors with `values` for the wheel that `side` names."""
     return Errors(left_m_s=values) if p["side"] == "left" else Errors(right_m_s=values)
 
 
@@ -315,24 +315,24 @@ def of_side(m: Motion, p: Values) -> Array:
 
 
 def substitute(m: Motion, p: Values) -> Array:
-    """The same from the other wheel and the gyro, for what a counter no longer tells."""
+    """The same from the other wheel and the gyro, where a counter no longer reports it."""
     across = m.tread_m * m.rate_rad_s
     return m.right_m_s - across if p["side"] == "left" else m.left_m_s + across
 
 
 def both(m: Motion, share: Array | float) -> Errors:
-    """Errors by one share of each wheel's speed."""
+    """Errors of the same share of each wheel's speed."""
     return Errors(left_m_s=share * m.left_m_s, right_m_s=share * m.right_m_s)
 
 
 def apart(m: Motion, share: Array | float) -> Errors:
-    """Errors by a share of the difference of the wheels' speeds, as another tread gives them."""
+    """Errors of a share of the wheels' speed difference, as another tread causes them."""
     half = share * 0.5 * (m.right_m_s - m.left_m_s)
     return Errors(left_m_s=-half, right_m_s=half)
 
 
 def windows(m: Motion, parts: int, step: float = 1.0) -> list[dict[str, float | str]]:
-    """Windows of a `parts`-th of the motion, each `step` of a window after the one before, as `t0` and `t1`."""
+    """Windows of 1/`parts` of the motion, each `step` windows after the one before, as `t0` and `t1`."""
     begin_s, length_s = float(m.time_s[0]), (m.end_s - float(m.time_s[0])) / parts
     count = int((parts - 1) / step) + 1
     starts_s = [begin_s + k * step * length_s for k in range(count)]
@@ -340,7 +340,7 @@ def windows(m: Motion, parts: int, step: float = 1.0) -> list[dict[str, float | 
 
 
 def since_ever() -> dict[str, float | str]:
-    """The window that has no end, as `t0` and `t1`."""
+    """The unbounded window, as `t0` and `t1`."""
     return {START.name: -math.inf, END.name: math.inf}
 
 

@@ -1,4 +1,4 @@
-"""What is known live of a motion: one sample of it, smoothed where it must be, and clipped where an effect was seen."""
+"""One live sample of a motion, smoothed where necessary, and clipped to the range in which an effect was seen."""
 
 import math
 from typing import Final
@@ -9,7 +9,7 @@ from drd.arrays import Array
 from drd.effects.model import COVARIATES, Term
 from drd.effects.motion import Motion
 
-# A sensor that was not heard for longer does not speak for the present.
+# A sensor that has been silent for longer says nothing about the present.
 STALE_S: Final = 0.5
 
 
@@ -21,7 +21,7 @@ class Trend:
         self._value = self._slope = 0.0
 
     def take(self, t_s: float, value: float) -> None:
-        """What came."""
+        """Take a new value."""
         step_s = t_s - self._t_s
         self._step_s = step_s if 0.0 < step_s <= STALE_S else 0.0
         self._slope = (value - self._value) / step_s if self._step_s else 0.0
@@ -36,7 +36,7 @@ class Trend:
 
 
 class LiveMotion(Motion):
-    """A motion of one sample, written over; the temperature's lags have a memory."""
+    """A motion of one sample, overwritten each time; the temperature's lags have a memory."""
 
     __slots__ = ("_lags", "_lowest", "_t_s", "_warmest", "temperature_rate_outside")
 
@@ -64,11 +64,11 @@ class LiveMotion(Motion):
         self.limit_temperature_rate(-math.inf, math.inf)
 
     def limit_temperature_rate(self, low: float, high: float) -> None:
-        """What `temperature_rate_c_s` is clipped to; `temperature_rate_outside` then says whether it was."""
+        """Set the limits of `temperature_rate_c_s`; `temperature_rate_outside` then says whether it was clipped."""
         self._lowest, self._warmest, self.temperature_rate_outside = low, high, False
 
     def warm(self, t_s: float, temperature_c: float) -> None:
-        """The gyro's temperature at a time; NaN changes nothing."""
+        """Take the gyro's temperature at a time; NaN changes nothing."""
         if math.isnan(temperature_c):
             return
         before_c, step_s = float(self.temperature_c[0]), t_s - self._t_s
@@ -83,7 +83,7 @@ class LiveMotion(Motion):
         self.temperature_c[0], self._t_s = temperature_c, t_s
 
     def temperature_rate_c_s(self, lag_s: float) -> Array:
-        """Behind a lag that is remembered from its first use on."""
+        """Temperature rate behind a lag, which is tracked from its first use on."""
         lagged_c = self._lags.setdefault(lag_s, float(self.temperature_c[0]))
         rate = float(np.nan_to_num((self.temperature_c[0] - lagged_c) / lag_s))
         clipped = min(max(rate, self._lowest), self._warmest)
@@ -97,7 +97,7 @@ def scalar(value: Array | float) -> float:
 
 
 class Clip:
-    """Puts the covariates of one effect back into the range in which it was seen, and back again."""
+    """Clips the covariates of one effect to the range in which it was seen, and restores them."""
 
     def __init__(self, m: LiveMotion, term: Term):
         self._m = m
@@ -121,7 +121,7 @@ class Clip:
         return is_outside
 
     def undo(self) -> bool:
-        """The motion as it was; True where the rate of temperature was outside."""
+        """Restore the motion; True where the rate of temperature was outside."""
         if self._is_kept:
             for array, value in zip(self._arrays, self._kept, strict=True):
                 array[0] = value
@@ -133,7 +133,7 @@ class Clip:
         return outside
 
     def _keep(self) -> None:
-        """Keep the motion before the first of its covariates is clipped: hardly ever is one."""
+        """Save the motion before its first covariate is clipped, which rarely happens."""
         if not self._is_kept:
             for i, array in enumerate(self._arrays):
                 self._kept[i] = array[0]
@@ -156,7 +156,7 @@ class Clip:
         if clipped == value:
             return False
         self._keep()
-        ahead, half_turn = 0.0, 0.0  # what is to be added to the wheels' speeds
+        ahead, half_turn = 0.0, 0.0  # to be added to the wheels' speeds
         if name == "curvature":
             m.speed_m_s[0] = math.copysign(abs(w) / max(clipped, 1e-9), v)
         elif name == "speed":

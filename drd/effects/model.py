@@ -1,4 +1,4 @@
-"""model.yaml: the nominal robot, and the physical effects to which it is blind, with their parameters."""
+"""model.yaml: the nominal robot, and the physical effects that it leaves out, with their parameters."""
 
 import functools
 import math
@@ -21,14 +21,14 @@ T = TypeVar("T")
 
 
 class Covariate(NamedTuple):
-    """A variable in which an effect was seen over some range: its unit in files, and the SI value of one unit."""
+    """A variable on which effects depend: its unit in files, and the SI value of one unit."""
 
     unit: str
     si: float
     text: str
 
 
-# Heading and the wheels' phase come round again, and a place is no number: they have no range.
+# Heading and the wheels' phase are cyclic, and a place is no number: they have no range.
 COVARIATES: Final = {
     "time": Covariate("s", 1.0, "since the gyro's power-on, or the recording's start"),
     "yaw_rate": Covariate("deg/s", RAD_PER_DEG, "left positive"),
@@ -39,7 +39,7 @@ COVARIATES: Final = {
     "temperature": Covariate("degC", 1.0, "of the gyro"),
     "temperature_rate": Covariate("degC/s", 1.0, "behind the effect's lag"),
 }
-# A value so many times larger than the largest plausible one is a slip of the pen, and may overflow.
+# A value so many times larger than the largest plausible one is a typing error, and may overflow.
 LARGEST_TIMES_PLAUSIBLE: Final = 100.0
 
 
@@ -52,7 +52,7 @@ class Amount(NamedTuple):
 
 @dataclass(frozen=True)
 class Term:
-    """An effect with its parameters, and the ranges of the covariates in which it was seen, in their files' units."""
+    """An effect with its parameters, and the covariates' ranges in which it was seen, in the files' units."""
 
     effect: Effect
     parameters: dict[str, Amount | str]
@@ -60,7 +60,7 @@ class Term:
     provenance: dict[str, str] = field(default_factory=dict)
 
     def values(self) -> dict[str, float | str]:
-        """The parameters in SI, as the effect's formulas want them; linear ones that are not stated are 0."""
+        """The parameters in SI, for the effect's formulas; linear ones that are not stated are 0."""
         found: dict[str, float | str] = {}
         for q in self.effect.parameters:
             stated = self.parameters.get(q.name, Amount(0.0))
@@ -68,17 +68,17 @@ class Term:
         return found
 
     def stds(self) -> dict[str, float]:
-        """Standard deviations in SI of those parameters that have one."""
+        """Standard deviations, in SI, of the parameters that have one."""
         amounts = {q: self.parameters.get(q.name) for q in self.effect.parameters}
         return {q.name: a.std * q.si for q, a in amounts.items() if isinstance(a, Amount) and a.std > 0.0}
 
 
 @dataclass(frozen=True)
 class Model:
-    """What a model file holds. `robot`: what it states of the nominal robot. `provenance`: free texts.
+    """Content of a model file. `robot`: what it states about the nominal robot. `provenance`: free texts.
 
-    `provenance.recording` names the recordings, separated by commas, in which the effects were found; those that do
-    not last are taken off nowhere else.
+    `provenance.recording` names the recordings, separated by commas, in which the effects were found; effects that do
+    not last are corrected in these only.
     """
 
     terms: tuple[Term, ...] = ()
@@ -92,12 +92,12 @@ class Model:
                 yield path, getattr(self.robot.value, name)
 
     def changed(self, nominal: Robot) -> Robot:
-        """The nominal robot with what the model states of it."""
+        """The nominal robot with the values that the model states."""
         names = {path: name for name, path in PATHS.items()}
         return replace(nominal, **{names[path]: value for path, value in self.stated()})
 
     def holds_in(self, recording: str | None) -> tuple[tuple[Term, ...], list[str]]:
-        """The terms that hold in a recording (None: in a run that is still to come), and sentences about the others."""
+        """The terms that hold in a recording (None: in a future run), and sentences about limitations."""
         kept, notes = [], []
         for term in self.terms:
             effect, found_in = term.effect, (self.provenance | term.provenance).get("recording")
@@ -158,7 +158,7 @@ _Seen: Final[type[Any]] = make_dataclass("_Seen", [
 
 @functools.cache
 def _form(effect: Effect, may_lack: bool) -> type[Any]:
-    """Parameters in a file. `may_lack`: a linear one may be missing."""
+    """Class of an effect's parameters in a file. `may_lack`: linear ones may be missing."""
     found: list[Any] = []
     for q in effect.parameters:
         low, high = _limits(q)
@@ -193,14 +193,14 @@ def _amount(p: Any) -> Amount | str:
 
 
 def _limits(q: Parameter) -> tuple[float, float]:
-    """What a value may be at all: far more than is plausible. A delay or a time constant of 0 or less is none."""
+    """Permitted range of a value, far wider than the plausible one. Delays and time constants must be positive."""
     high = LARGEST_TIMES_PLAUSIBLE * max(abs(q.low), abs(q.high))
     positive = not (q.signed or q.linear) and q.low > 0.0
     return (q.low / LARGEST_TIMES_PLAUSIBLE if positive else -high), high
 
 
 def check_geometry(model: Model, config: Config) -> None:
-    """What the model states of the robot must be the configuration's: its effects were found with it.
+    """Check that the model states the configuration's robot: its effects hold for no other.
 
     Raises ConfigError.
     """
@@ -218,7 +218,7 @@ def check_geometry(model: Model, config: Config) -> None:
 
 
 def save_model(file: Path, model: Model, comment: str = "") -> None:
-    """Write a model file, which `load_model` reads as the same model. `comment`: its head. Raises OSError."""
+    """Write a model file that `load_model` reads as the same model. `comment`: its header. Raises OSError."""
     content = nested(dict(model.stated()))
     content["effects"] = [_plain(term) for term in model.terms]
     if model.provenance:
@@ -244,6 +244,6 @@ def _plain(term: Term) -> dict[str, Any]:
 def make_model(
     effects: Sequence[Mapping[str, Any]], robot: Mapping[str, Any] | None = None, **provenance: str
 ) -> Model:
-    """A model from plain values as they stand in a file (`diagnosis.json` has the same form). Raises ConfigError."""
+    """Make a model from plain values as in a file (`diagnosis.json` has the same form). Raises ConfigError."""
     content = {**(robot or {}), "effects": [dict(effect) for effect in effects], "provenance": provenance}
     return loads_model(yaml.safe_dump(content, sort_keys=False), "(model)")

@@ -1,4 +1,4 @@
-"""What a robot does and feels, as physical effects see it."""
+"""A robot's motion and temperature, as physical effects see them."""
 
 from dataclasses import dataclass, replace
 
@@ -9,10 +9,10 @@ from drd.arrays import Array
 
 @dataclass(slots=True)
 class Motion:
-    """Time series of shape (n,), SI and radians, REP-103; live they have shape (1,) and are written over.
+    """Time series of shape (n,), SI and radians, REP-103; live they have shape (1,) and are overwritten.
 
-    `time_s` counts from the gyro's power-on (else: the recording's start). `rate_rad_s` is what the gyro, and
-    `left_m_s`, `right_m_s` what the wheels' counters should say; effects that come before in the chain are in it.
+    `time_s` counts from the gyro's power-on (else: the recording's start). `rate_rad_s`, `left_m_s` and `right_m_s` are
+    what the gyro and the wheels' counters should report, including effects that come earlier in the chain.
     Speed, heading and acceleration are the body's. The wheels' angles count from the start. `temperature_c` is the
     gyro's (NaN: unknown), `still_c` its mean during the standstill in which the bias is measured. `end_s`: when the
     run ends.
@@ -34,13 +34,13 @@ class Motion:
     end_s: float
 
     def turning(self, left_m_s: Array, right_m_s: Array) -> "Motion":
-        """The motion with the angles of wheels that turn with other speeds (n,)."""
+        """The motion with the wheels' angles for other wheel speeds (n,)."""
         left, right = (np.cumsum(more * np.gradient(self.time_s)) / self.wheel_radius_m
                        for more in (left_m_s - self.left_m_s, right_m_s - self.right_m_s))  # fmt: skip
         return replace(self, left_wheel_rad=self.left_wheel_rad + left, right_wheel_rad=self.right_wheel_rad + right)
 
     def temperature_change_c(self) -> Array:
-        """Since the standstill; 0 where the temperature is not known."""
+        """Temperature change since the standstill; 0 where it is not known."""
         return np.nan_to_num(self.temperature_c - self.still_c)
 
     def temperature_rate_c_s(self, lag_s: float) -> Array:
@@ -51,10 +51,10 @@ class Motion:
         return (temperature_c - self.lagged(temperature_c, lag_s)) / lag_s
 
     def lagged(self, values: Array, lag_s: float) -> Array:
-        """`values` behind a first-order lag; the line between two samples is passed through it exactly."""
+        """`values` behind a first-order lag, exact for straight lines between samples."""
         step_s = np.diff(self.time_s)
         kept = np.exp(-step_s / lag_s)
-        # Of a ramp from a to b over h the lag makes y k + a (r - k) + b (1 - r), k = exp(-h/lag), r = lag (1 - k)/h.
+        # A ramp from a to b over h takes output y to y k + a (r - k) + b (1 - r), k = exp(-h/lag), r = lag (1 - k)/h.
         share = lag_s * (1.0 - kept) / step_s
         driven = values[:-1] * (share - kept) + values[1:] * (1.0 - share)
         # Blocks side by side, then from block to block: about 2 sqrt(n) calls instead of n.
@@ -74,5 +74,5 @@ class Motion:
         return np.concatenate([values[:1], y.ravel()[:n]])
 
     def delayed(self, values: Array, delay_s: Array | float) -> Array:
-        """What `values` were `delay_s` ago (each sample its own, or all the same); the ends are held."""
+        """`values` as of `delay_s` ago (one delay for each sample, or for all); the ends are held."""
         return np.interp(self.time_s - delay_s, self.time_s, values)
