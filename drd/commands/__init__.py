@@ -1,4 +1,4 @@
-"""Subcommands of the daemon, and what they share with the workshop's, which are in its own package."""
+"""Subcommands of the daemon, and code shared with the tools' subcommands, which are in a package of their own."""
 
 import argparse
 import importlib
@@ -15,13 +15,13 @@ from drd.config.schema import ConfigError, Loaded
 def command(
     prog: str, description: str, epilog: str, parents: Sequence[argparse.ArgumentParser] = ()
 ) -> argparse.ArgumentParser:
-    """A parser that prints description and epilog (examples, exit codes) as they are written."""
+    """Make a parser that prints description and epilog (examples, exit codes) as written."""
     form = argparse.RawDescriptionHelpFormatter
     return argparse.ArgumentParser(prog, description=description, epilog=epilog, parents=parents, formatter_class=form)
 
 
 def hand_over(prog: str, description: str, word: str, ways: Mapping[str, tuple[str, str]], argv: list[str]) -> int:
-    """Run the command that the first argument, a `word`, names; `ways`: module and summary of each."""
+    """Run the command named by the first argument, a `word`; `ways`: module and summary of each."""
     width = max(map(len, ways))
     listed = "\n".join(f"  {name:{width}}  {summary}" for name, (_, summary) in ways.items())
     epilog = f"{word}s:\n{listed}\n\n`{prog} {word.upper()} --help` explains each."
@@ -41,7 +41,7 @@ def config_argument() -> argparse.ArgumentParser:
 
 
 def number(low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
-    """A type of option: a finite number from `low` to `high`; `above`: more than `low`."""
+    """Make an option type: a finite number from `low` to `high`; `above`: more than `low`."""
     if high < math.inf:
         wanted = f"a number from {low:g} to {high:g}"
     else:
@@ -60,7 +60,7 @@ def number(low: float = -math.inf, high: float = math.inf, *, above: bool = Fals
 
 
 def whole(low: int) -> Callable[[str], int]:
-    """A type of option: a whole number of at least `low`, which is 0 or more."""
+    """Make an option type: a whole number of at least `low`, which is 0 or more."""
 
     def parsed(text: str) -> int:
         if not text.isdecimal() or int(text) < low:
@@ -76,14 +76,14 @@ def writing(path: Path | None, what: str = "a folder to write to") -> Iterator[N
     try:
         yield
     except BrokenPipeError:
-        raise  # not the folder: whoever read the output has left
+        raise  # not the folder's error: the reader of the output has gone
     except OSError as error:
         raise ConfigError(str(path), "", what, str(error.strerror)) from error
 
 
 @contextmanager
 def placed(loaded: Loaded[Any]) -> Iterator[None]:
-    """Give a ConfigError file and line: parts of the daemon know a key's path but not its file."""
+    """Add file and line to a ConfigError: parts of the daemon know a key's path but not its file."""
     try:
         yield
     except ConfigError as error:
@@ -93,7 +93,7 @@ def placed(loaded: Loaded[Any]) -> Iterator[None]:
 
 
 def shipped_file(folder: str, name: str) -> Path:
-    """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
+    """Path of a file that comes with drd: beside the package in a checkout, in its data when installed."""
     package = Path(drd.__file__).parent
     beside = package.parent / folder / name
     return beside if beside.exists() else package / "data" / folder / name

@@ -1,4 +1,4 @@
-"""`drd check CONFIG`: what is in force, and where each value came from; with --live, how the robot is wired."""
+"""`drd check CONFIG`: the values in force and their origins; with --live, how the robot is wired."""
 
 import argparse
 import importlib

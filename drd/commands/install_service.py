@@ -1,4 +1,4 @@
-"""`drd install-service NAME`: the daemon as a service of systemd, started with the robot; and out again."""
+"""`drd install-service NAME`: install the daemon as a systemd service that starts at boot, or uninstall it."""
 
 import argparse
 import grp
@@ -23,11 +23,11 @@ MANAGER: Final = "etc/systemd/system.conf.d/drd-log-refused.conf"
 DROP_INS: Final = "etc/systemd/system/drd@.service.d"
 RULES: Final = "etc/udev/rules.d/99-drd.rules"
 CONFIGS: Final = "etc/drd"
-# systemd keeps the state of a DynamicUser in the second and links to it from the first.
+# systemd keeps a DynamicUser's state in the second folder and links to it from the first.
 STATES: Final = ("var/lib", "var/lib/private")
 EXAMPLES: Final = ("canopen", "pioneer-at", "agilex-scout", "odrive")
 SERIAL_GROUPS: Final = ("dialout", "uucp")
-# ProtectHome and PrivateTmp of the unit: the service sees nothing of these.
+# Folders that the unit's ProtectHome and PrivateTmp hide from the service.
 HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 PROGRAM_IN_UNIT: Final = "/opt/drd/bin/drd"
 # The packages that the daemon needs, with their hashes; `make lock` writes it.
@@ -159,7 +159,7 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
 
 def _uninstall(root: Path, purge: bool) -> None:
     with Installation.read(root) as files:
-        # A configuration that was there before is in no list of what was installed, but its instance has a state.
+        # A configuration from before is not in the list of installed files, but its instance has a state.
         configs = [*map(Path, files.files), *(root / CONFIGS).glob("*.yaml")]
         instances = sorted({f.stem for f in configs if f.match(f"{CONFIGS}/*.yaml")})
         states = [root / folder / f"drd-{name}" for folder in STATES for name in instances]
@@ -186,7 +186,7 @@ def _remove_state(folder: Path, purge: bool) -> None:
 
 
 def _stop(root: Path) -> None:
-    """Stop and disable all instances; where no systemd runs, only remove the links that enable one."""
+    """Stop and disable all instances; where systemd does not run, only remove the links that enable them."""
     units = root / "etc/systemd/system"
     enabled = sorted(link for link in units.glob("*.wants/drd@*.service") if link.is_symlink())
     if _is_live(root):
@@ -202,7 +202,7 @@ def _is_live(root: Path) -> bool:
 
 
 def _run(*command: str) -> None:
-    """Run a command of the system; a failure is printed and changes nothing."""
+    """Run a system command; a failure is printed, not raised."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -213,7 +213,7 @@ def _run(*command: str) -> None:
 
 
 def _program(given: str | None, root: Path) -> str:
-    """What ExecStart is to run. Raises ConfigError where the service could not run it."""
+    """Program for ExecStart. Raises ConfigError where the service could not run it."""
     program = Path(given) if given is not None else Path(sysconfig.get_path("scripts")) / "drd"
     if not program.is_absolute() or not re.fullmatch(r"[\w./+@-]+", str(program)):
         raise _unfit("an absolute path of letters, digits and ./+@_-", repr(str(program)))
@@ -221,7 +221,7 @@ def _program(given: str | None, root: Path) -> str:
         if not program.is_file():
             raise _unfit("the installed program", f"{program}, which is not there")
         places = [program, program.resolve()]
-        if given is None:  # its Python and its package may lie elsewhere: pyenv, an editable installation
+        if given is None:  # its Python and its package may be elsewhere: pyenv, an editable installation
             places += [Path(sys.base_prefix).resolve(), Path(drd.__file__).resolve()]
         hidden = [place for place in places if any(place.is_relative_to(folder) for folder in HIDDEN)]
         if hidden:
@@ -237,7 +237,7 @@ def _unfit(expected: str, got: str) -> ConfigError:
 def _unit(program: str, group: str) -> str:
     """The shipped unit with this program and this group."""
     text = _shipped("systemd", "drd@.service")
-    assert f"ExecStart={PROGRAM_IN_UNIT} " in text  # a test holds the unit to it
+    assert f"ExecStart={PROGRAM_IN_UNIT} " in text  # ensured by a test
     text = text.replace(f"ExecStart={PROGRAM_IN_UNIT} ", f"ExecStart={program} ")
     return text.replace(f"SupplementaryGroups={SERIAL_GROUPS[0]}\n", f"SupplementaryGroups={group}\n")
 
@@ -247,7 +247,7 @@ def _rules(group: str) -> str:
 
 
 def _serial_group(root: Path) -> str:
-    """The group that serial ports have: on the running system the one that it knows."""
+    """Group of serial ports; on the running system, the one that exists there."""
     if root != Path("/"):
         return SERIAL_GROUPS[0]
     known = {g.gr_name for g in grp.getgrall()}

@@ -1,4 +1,4 @@
-"""Files that a command puts into the system, and takes out again: never over somebody else's work."""
+"""Files that a command installs and removes, without ever overwriting other people's changes."""
 
 import hashlib
 import json
@@ -17,10 +17,10 @@ _MANIFEST_VERSION = 1
 
 @dataclass
 class Installation:
-    """What stands under `root` by this program: each file with the SHA-256 of what was written, each folder made.
+    """Files that this program installed under `root`, with the SHA-256 of each as written, and folders it made.
 
-    What becomes of each file is printed. Methods raise OSError. In a `with` statement the manifest is written at the
-    end, whatever happens, so that it knows of each file that was.
+    The outcome for each file is printed. Methods raise OSError. A `with` statement writes the manifest at its end,
+    whatever happens, so that it lists every file written.
     """
 
     root: Path
@@ -29,7 +29,7 @@ class Installation:
 
     @classmethod
     def read(cls, root: Path) -> "Installation":
-        """Read the manifest, if there is one. Raises ConfigError for one that cannot be understood."""
+        """Read the manifest, if there is one. Raises ConfigError if it is invalid."""
         file = root / MANIFEST
         if not file.exists():
             return cls(root)
@@ -51,7 +51,7 @@ class Installation:
         self.save()
 
     def put(self, name: str, text: str, remark: str = "") -> None:
-        """Write a file, unless somebody has changed or put there another: then NAME.new beside it."""
+        """Write a file; where somebody has changed it or put another there, write NAME.new beside it instead."""
         path, beside = self.root / name, f"{name}.new"
         if not os.path.lexists(path):
             self._write(name, text)
@@ -70,7 +70,7 @@ class Installation:
             self._remove(beside)
 
     def put_once(self, name: str, text: str, remark: str = "") -> None:
-        """Write a file only where there is none: from then on it is its owner's."""
+        """Write a file only where there is none; from then on it belongs to the user."""
         path = self.root / name
         if os.path.lexists(path):
             say("kept", path, "it is yours")
@@ -79,7 +79,7 @@ class Installation:
             say("wrote", path, remark)
 
     def remove(self, yours: Callable[[str], bool], purge: bool) -> None:
-        """Remove what was installed. What is `yours` or has been changed stays, unless `purge`."""
+        """Remove installed files. Those that are `yours` or have been changed stay, unless `purge`."""
         for name in list(self.files):
             path = self.root / name
             if not os.path.lexists(path):
@@ -91,7 +91,7 @@ class Installation:
                 say("kept", path, f"{'it is yours' if yours(name) else 'changed'}; --purge removes it")
 
     def save(self) -> None:
-        """Write the manifest; where nothing is left, remove it and the folders that were made for it."""
+        """Write the manifest; if no file is left, remove it and the folders that were made."""
         file = self.root / MANIFEST
         if self.files:
             self._make_folder(file.parent)
@@ -104,7 +104,7 @@ class Installation:
                 (self.root / name).rmdir()
             except FileNotFoundError:
                 pass
-            except OSError:  # somebody keeps other files there
+            except OSError:  # other files are in it
                 say("kept", self.root / name, "it holds other files")
 
     def _is_as_written(self, name: str) -> bool:
@@ -142,5 +142,5 @@ def _digest(text: str) -> str:
 
 
 def _sha256(file: Path) -> str | None:
-    """Digest of the content; None for a link, or what is no file."""
+    """Digest of the content; None for a link or anything that is not a file."""
     return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() and not file.is_symlink() else None

@@ -46,7 +46,7 @@ def live_check(config: Config, base: Path, seconds: float, said: Statement) -> i
 
 
 class _Watch:
-    """The open ports, the line that shows what moves, and why a sensor is silent."""
+    """The open ports, the line that shows what moves, and the reasons for silent sensors."""
 
     def __init__(self, config: Config, pipeline: Pipeline, kept: Samples):
         self._config, self._pipeline, self._kept = config, pipeline, kept
@@ -98,7 +98,7 @@ class _Watch:
         print(f"\r\x1b[K{line[: shutil.get_terminal_size((120, 0)).columns - 1]}", end="", file=sys.stderr, flush=True)
 
     def explained(self, finding: Finding) -> Finding:
-        """The finding; where a sensor gave nothing, with the reason as far as its data came."""
+        """The finding; where a sensor gave no samples, with the reason, judged from the data received."""
         if finding.check == "gyro" and not self._kept.gyro_samples:
             return replace(finding, text=f"no sample: {self._gyro_silence()}")
         if finding.check == "encoders" and not self._kept.wheel_samples:
@@ -136,7 +136,7 @@ def _listed(counters: dict[str, int]) -> str:
 
 
 def statement_of(arguments: Any) -> Statement:
-    """What the options say that the user does."""
+    """The user's statement of the motion, from the options."""
     return Statement(
         {"forward": 1, "backward": -1}.get(arguments.drove, 0),
         {"left": 1, "right": -1}.get(arguments.turned, 0),

@@ -1,4 +1,4 @@
-"""The robot's packages as a lock file has them: each at one version, and only with the content that was locked."""
+"""Install the robot's packages from a lock file: each at one version, and only with the locked content."""
 
 import shlex
 import subprocess
@@ -8,10 +8,10 @@ from drd.config.schema import ConfigError
 
 
 def install_locked(program: str, lock: Path) -> None:
-    """Bring the environment of `program` to the versions of `lock`.
+    """Install the versions of `lock` into the environment of `program`.
 
-    Raises ConfigError where pip is not there or refuses: another hash, a package that the lock does not have. Wheels
-    alone are taken, since building a package runs its code.
+    Raises ConfigError where pip is missing or refuses: another hash, a package not in the lock file. Only wheels are
+    installed, since building a package runs its code.
     """
     pip = [str(Path(program).with_name("python3")), "-m", "pip", "install", "--disable-pip-version-check"]
     command = [*pip, "--require-hashes", "--only-binary=:all:", "--requirement", str(lock)]

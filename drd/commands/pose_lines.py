@@ -13,17 +13,17 @@ import zenoh
 
 from drd.output.messages import encode
 
-# Poses that wait for a reader slower than they come: about 25 s of them. Beyond, the newest win; `sequence` tells.
+# Poses queued for a slow reader: about 25 s of them. When full, the oldest are dropped, which `sequence` shows.
 _WAITING: Final = 512
-# How soon the end of the time or of the pipe is noticed where no pose comes.
+# How soon the end of the time or of the pipe is noticed while no pose arrives.
 _LOOK_S: Final = 0.2
 
 
 def print_poses(session: Any, prefix: str, seconds: float, most: float = math.inf) -> int:
-    """Print each pose heard within `seconds`, up to `most`; returns how many.
+    """Print each pose received within `seconds`, up to `most`; return how many.
 
-    Ends early where the reader of standard output has left, then raises BrokenPipeError. What is not a JSON object is
-    left out, and told on standard error at the end.
+    Raises BrokenPipeError as soon as the reader of standard output has gone. Messages that are not JSON objects are
+    skipped, and counted on standard error at the end.
     """
     heard: deque[bytes] = deque(maxlen=_WAITING)
     arrived = threading.Event()
@@ -52,7 +52,7 @@ def print_poses(session: Any, prefix: str, seconds: float, most: float = math.in
 
 
 def pose_line(payload: bytes) -> str | None:
-    """A published pose as one line of strict JSON in ASCII; None: it is no JSON object."""
+    """A published pose as one line of strict JSON in ASCII; None: it is not a JSON object."""
     try:
         pose = json.loads(payload)
         return encode(pose).decode("ascii") if isinstance(pose, dict) else None
@@ -61,11 +61,11 @@ def pose_line(payload: bytes) -> str | None:
 
 
 def _look_at_pipe() -> None:
-    """Raise BrokenPipeError where nobody reads standard output any more: without a pose no write would tell."""
+    """Raise BrokenPipeError where nobody reads standard output any more: without a pose, no write would fail."""
     try:
         watched = select.poll()
         watched.register(sys.stdout.fileno(), 0)
         if any(state & select.POLLERR for _, state in watched.poll(0)):
             raise BrokenPipeError
-    except ValueError:  # standard output is no file (a test's)
+    except ValueError:  # standard output is not a file (in a test)
         return

@@ -1,4 +1,4 @@
-"""`drd refused`: which system calls the service's sandbox has refused, by name."""
+"""`drd refused`: list by name the system calls that the service's sandbox has refused."""
 
 import ctypes
 import re
@@ -42,14 +42,14 @@ class Refused(NamedTuple):
 
 
 def refused(lines: Iterable[str]) -> list[Refused]:
-    """Refused calls in the kernel's log, of services with a user of their own."""
+    """Refused calls in the kernel's log by services with a dynamic user."""
     found = (match.groups() for line in lines if (match := LINE.search(line)))
     calls = [Refused(int(uid), int(pid), comm, name(int(arch, 16), int(n))) for uid, pid, comm, arch, n in found]
     return [call for call in calls if call.user in DYNAMIC_USERS]
 
 
 def name(architecture: int, number: int) -> str:
-    """A system call's name, of libseccomp, which systemd itself needs; where it is not there, the number."""
+    """A system call's name from libseccomp, which systemd itself needs; without it, the number."""
     try:
         resolve = ctypes.CDLL("libseccomp.so.2").seccomp_syscall_resolve_num_arch
     except OSError:

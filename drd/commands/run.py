@@ -50,7 +50,7 @@ def main(argv: list[str]) -> NoReturn:
 def run(loaded: Loaded[Config], base: Path) -> NoReturn:
     """Run the daemon until SIGINT or SIGTERM, and end the process. Raises ConfigError before the start.
 
-    SIGHUP has the configuration read again, unless a terminal's closing sends it.
+    SIGHUP reloads the configuration, except when it comes from a terminal that closes.
     """
     daemon = Daemon(loaded, base)
 
@@ -58,7 +58,7 @@ def run(loaded: Loaded[Config], base: Path) -> NoReturn:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
 
         def end() -> None:
-            # Whatever hangs after this (a driver, Zenoh) must not keep the process.
+            # Nothing that hangs after this (a driver, Zenoh) may keep the process alive.
             fuse = threading.Timer(EXIT_DEADLINE_S, os._exit, (1,))
             fuse.daemon = True
             fuse.start()
@@ -72,8 +72,8 @@ def run(loaded: Loaded[Config], base: Path) -> NoReturn:
 
     if not asyncio.run(main()):
         log.warning("zenoh did not close within %g s: a neighbour does not read; left it", CLOSE_DEADLINE_S)
-    # All that is ours is written. A neighbour that does not read must not make an orderly end a failed one; nor must
-    # the interpreter's own end, which ends threads within Zenoh's functions, at which Zenoh aborts the process.
+    # All our data are written. A neighbour that does not read must not turn an orderly end into a failure; nor must the
+    # interpreter's exit, which kills threads inside Zenoh's functions, whereupon Zenoh aborts the process.
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.flush()
     os._exit(0)

@@ -38,14 +38,14 @@ Exit code: 0 good, 1 drd cannot be reached or sent nothing within --seconds, 2 b
 """
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
-# How long --once waits where --seconds does not say.
+# How long --once waits without --seconds.
 ONCE_S: Final = 5.0
 
 
 def main(argv: list[str]) -> int:
-    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard.
+    """Show poses until Ctrl-C or `--seconds`. Exit code 0; 1 if drd was not reached or sent nothing.
 
-    Raises BrokenPipeError where the reader of standard output has left.
+    Raises BrokenPipeError where the reader of standard output has gone.
     """
     arguments = _arguments(argv)
     plain = arguments.plain or not sys.stdout.isatty()
@@ -83,7 +83,7 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
 
 
 def daemon_arguments() -> argparse.ArgumentParser:
-    """Which daemon to listen to, for `parents`: --connect, --zenoh-config, --prefix."""
+    """Options that select the daemon, for `parents`: --connect, --zenoh-config, --prefix."""
     parser = argparse.ArgumentParser(add_help=False)
     add = parser.add_argument
     text = "Zenoh endpoint of drd (one of its output.listen) or of a router (default: %(default)s)"
@@ -95,7 +95,7 @@ def daemon_arguments() -> argparse.ArgumentParser:
 
 
 def zenoh_config(arguments: argparse.Namespace) -> zenoh.Config:
-    """A client of the daemon that `daemon_arguments` name. Raises zenoh.ZError."""
+    """Configuration of a client of the daemon selected by `daemon_arguments`. Raises zenoh.ZError."""
     if arguments.zenoh_config is None:
         return isolated_config("client", (), (arguments.connect,))
     return zenoh.Config.from_file(arguments.zenoh_config)
@@ -123,7 +123,7 @@ def _show(session: Any, view: "View", prefix: str, seconds: float, plain: bool, 
 
 
 def _redraw(lines: list[str], drawn: int) -> int:
-    """Write `lines` over the `drawn` ones of before; returns how many there are now."""
+    """Overwrite the `drawn` previous lines with `lines`; return how many there are now."""
     width, height = shutil.get_terminal_size()
     lines = [line[: width - 1] for line in lines[: height - 1]]
     up = f"\x1b[{drawn}F\x1b[J" if drawn else ""
@@ -132,13 +132,13 @@ def _redraw(lines: list[str], drawn: int) -> int:
 
 
 class View:
-    """What was heard, as text. Whatever arrives is shown or counted as unreadable; nothing raises."""
+    """Received messages as text. Whatever arrives is shown or counted as unreadable; nothing raises."""
 
     def __init__(self, prefix: str, endpoint: str):
         self._where = f"'{prefix}' at {endpoint}"
         self._pose: dict[str, Any] = {}
         self._heard_s: float | None = None  # the newest pose
-        self._times_ns: deque[int] = deque(maxlen=4096)  # the poses' own, of the last seconds
+        self._times_ns: deque[int] = deque(maxlen=4096)  # the poses' own times, of the last seconds
         self._first_s = time.monotonic()
         self._counts: dict[str, int] = {}
         self._changed: dict[str, int] = {}
@@ -148,17 +148,17 @@ class View:
 
     @property
     def has_pose(self) -> bool:
-        """Whether a pose was heard."""
+        """Whether a pose was received."""
         return self._heard_s is not None
 
     def take_pose(self, payload: bytes, now_s: float) -> None:
-        """Take a message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""
+        """Take a message of `prefix/pose`, received at `now_s` (CLOCK_MONOTONIC)."""
         if (pose := self._object(payload)) is not None:
             self._pose, self._heard_s, self.heard = pose, now_s, True
             self._take_time(pose.get("monotonic_ns"))
 
     def _take_time(self, t_ns: Any) -> None:
-        """Note a pose's own time for the rate, since poses come in batches."""
+        """Store a pose's own time for the rate, since poses arrive in batches."""
         times = self._times_ns
         if not isinstance(t_ns, int) or (times and t_ns < times[-1]):  # another daemon's clock
             times.clear()
@@ -168,7 +168,7 @@ class View:
             times.popleft()
 
     def take_health(self, payload: bytes) -> None:
-        """Take a message of `prefix/health`; looked at are the findings, and the whole numbers under `counters`."""
+        """Take the findings and the whole numbers under `counters` from a message of `prefix/health`."""
         if (health := self._object(payload)) is not None:
             counts = dict(_counters(health.get("counters"), ""))
             self._changed = {k: n - self._counts[k] for k, n in counts.items() if n != self._counts.get(k, n)}
@@ -184,7 +184,7 @@ class View:
         return "  ".join(part for part in (*self._pose_lines(now_s), *self._reasons(), *self._found, changed) if part)
 
     def lines(self, now_s: float) -> list[str]:
-        """The same on several lines, with the changed counters one by one."""
+        """The same on several lines, with one line for each changed counter."""
         if self._heard_s is None:
             return [self._silence(now_s)]
         counters = [f"  {k:<40} {self._counts[k]:>12} ({n:+d})" for k, n in self._changed.items()]
@@ -259,12 +259,12 @@ def _sigma(covariance: Any, i: int) -> float | None:
 
 
 def _number(value: Any, factor: float = 1.0, digits: int = 3) -> str:
-    """The number, eight wide; `-` where there is none."""
+    """The number, eight characters wide; `-` where there is none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e12:
         return f"{'-':>8}"
     return f"{value * factor:8.{digits}f}"
 
 
 def _text(value: Any) -> str:
-    """Printable text: what came over the network must not steer the terminal."""
+    """Printable text: data from the network must not control the terminal."""
     return "".join(c if c.isprintable() else "?" for c in value[:200]) if isinstance(value, str) else "-"
