@@ -1,4 +1,4 @@
-"""Reading the configuration file: checks of several keys together, and the paths of files that it names."""
+"""Read the configuration file: checks across keys, and paths of the files that it names."""
 
 import os
 import re
@@ -21,10 +21,9 @@ def load_config(file: Path) -> Loaded[Config]:
 
 
 def load_overlay(file: Path, base: Config) -> Loaded[Config]:
-    """Read a configuration file, of which any part may be missing, over `base`. Raises ConfigError.
+    """Read a configuration file, any part of which may be missing, over `base`. Raises ConfigError.
 
-    The paths of files that it states start from its own folder, and are made absolute. Several keys
-    together are not checked.
+    File paths in it are relative to its own folder, and are made absolute. There are no checks across keys.
     """
     loaded = load(file, Config, base)
     config, folder = loaded.value, file.parent.resolve()
@@ -43,7 +42,7 @@ def load_overlay(file: Path, base: Config) -> Loaded[Config]:
 
 
 def check_layout(loaded: Loaded[Config]) -> None:
-    """Raise ConfigError where the keys of the encoders' frames contradict each other."""
+    """Raise ConfigError where keys of the encoders' frames contradict each other."""
     _refuse(loaded, _encoders(loaded.value.encoders))
 
 
@@ -56,7 +55,7 @@ Complaint = tuple[str, str, str]  # key path, expected and got
 
 
 def _refuse(loaded: Loaded[Config], found: Iterable[Complaint]) -> None:
-    """Raise ConfigError of the first."""
+    """Raise the first complaint as a ConfigError."""
     for path, expected, got in found:
         raise ConfigError(loaded.place(path), path, expected, got)
 
@@ -66,7 +65,7 @@ def _encoders(e: Encoders) -> Iterator[Complaint]:
     by_counts = {"cia406": True, "odrive": e.odrive.message == "counts", "dbc": e.dbc.quantity == "counts"}
     if by_counts.get(e.layout, False) and e.counts_per_revolution is None:
         yield "encoders.counts_per_revolution", f"a number, since layout {e.layout} reads counts", "nothing"
-    from can import VALID_INTERFACES  # noqa: PLC0415  # replay and diagnosis do without python-can
+    from can import VALID_INTERFACES  # noqa: PLC0415  # replay and diagnosis work without python-can
 
     if e.interface not in VALID_INTERFACES:
         yield "encoders.interface", f"one of {', '.join(sorted(VALID_INTERFACES))}", repr(e.interface)
@@ -111,10 +110,10 @@ def _outputs(c: Config) -> Iterator[Complaint]:
 
 
 def in_state_directory(folder: str) -> Path:
-    """The base of relative folders: the service's first state directory under systemd, else the working directory."""
+    """A folder relative to the service's first state directory under systemd, else to the working directory."""
     return Path(os.environ.get("STATE_DIRECTORY", "").split(":")[0]) / folder
 
 
 def file_name(robot: str) -> str:
-    """A robot's name in the form used in file names."""
+    """A robot's name as used in file names."""
     return re.sub(r"[^A-Za-z0-9_.]+", "_", robot)

@@ -1,4 +1,4 @@
-"""The nominal robot: the class, its file robot.yaml, and the configuration of the daemon that it stands for."""
+"""The nominal robot: the class, its file robot.yaml, and the daemon's configuration made from it."""
 
 import math
 import typing
@@ -17,7 +17,7 @@ from drd.config.keys import Config, Encoders, Estimation, Fog, Initial, Noise, S
 from drd.config.schema import ConfigError, Loaded, is_nan, keys, load, nested
 
 T = TypeVar("T")
-# Where no top speed is stated: no robot this is meant for is faster, and a counter that starts again at 0 is.
+# Used where no top speed is stated: no robot meant here is faster, but a counter that restarts at 0 seems to be.
 MAX_SPEED_M_S: Final = 10.0
 # robot.yaml -> configuration. A key that is null or missing leaves the configuration's default.
 #   name, drive                                 robot.name, robot.drive
@@ -37,7 +37,7 @@ NOISE_KEYS: Final = {
     "slip_noise_m_per_sqrt_m": "wheel_m_per_sqrt_m",
 }
 # Not used: fog.resolution_deg_s (its noise is in the random walk that a data sheet measures), reference.*, kinds.
-# In place of the configuration's defaults, which are an RD2100 FOG's, for a MEMS gyro of which robot.yaml says no more:
+# Replaces the configuration's defaults, which are an RD2100 FOG's, for a MEMS gyro without values in robot.yaml:
 # Xsens MTi-1 noise density 0.007 deg/s/sqrt(Hz), bias instability 10 deg/h; turn-on bias of an MTi within 0.5 deg/s.
 MEMS: Final = {
     "gyro_angle_random_walk_deg_per_sqrt_h": 0.42,
@@ -53,20 +53,20 @@ class Robot:
     The last text in a value's annotation is its key in robot.yaml. Sizes of a robot without encoders may be NaN.
     """
 
-    name: Annotated[str, "name"] = "robot"  # Of the robot or of its drive
+    name: Annotated[str, "name"] = "robot"  # Name of the robot or of its drive
     wheel_radius_m: Annotated[float, "m", Meta(ge=0.001, le=5), "wheel.radius_m"]  # Rolling radius
-    # Counts of one turn of the wheel; None where the drive reports speed only
+    # Counts per turn of the wheel; None where the drive reports speed only
     counts_per_revolution: Annotated[
         Annotated[float, "1", Meta(ge=1e-3, le=1e9)] | None, "wheel.counts_per_revolution"
     ] = None
     tread_m: Annotated[float, "m", Meta(ge=0.01, le=50), "tread_m"]  # Distance between left and right wheels
-    # How it steers: two wheels and casters, or sideways slip in each turn (four wheels, tracks); auto: found out
+    # How it steers: two wheels and casters, or sideways slip in each turn (four wheels, tracks); auto: determined
     drive: Annotated[Literal["auto", "differential", "skid"] | None, "drive"] = None
-    # Faster wheel travel is a counter's jump; None: MAX_SPEED_M_S
+    # Faster wheel travel counts as a jump of the counter; None: MAX_SPEED_M_S
     max_speed_m_s: Annotated[Annotated[float, "m/s", Meta(ge=0.01, le=100)] | None, "max_speed_m_s"] = None
-    # The gyro's data sheet. kind "MEMS" stands for a MEMS gyro's noise where the sheet does not say; else a FOG's
+    # The gyro's data sheet. Values that it lacks default to a MEMS gyro's noise for kind "MEMS", else to a FOG's
     gyro_kind: Annotated[str | None, "fog.kind"] = None
-    # Output rate; None: as the time tells
+    # Output rate; None: from the time stamps
     gyro_rate_hz: Annotated[Annotated[float, "Hz", Meta(ge=1e-3, le=1e5)] | None, "fog.rate_hz"] = None
     # Full scale
     gyro_range_deg_s: Annotated[Annotated[float, "deg/s", Meta(ge=1e-3, le=1e5)] | None, "fog.range_deg_s"] = None
@@ -85,7 +85,7 @@ class Robot:
         None
     )
     encoders_kind: Annotated[str | None, "encoders.kind"] = None  # For people
-    # Output rate; None: as the time tells
+    # Output rate; None: from the time stamps
     encoders_rate_hz: Annotated[Annotated[float, "Hz", Meta(ge=1e-3, le=1e5)] | None, "encoders.rate_hz"] = None
     # Noise of each wheel's travel: 0.0005 indoors, 0.005 off-road
     slip_noise_m_per_sqrt_m: Annotated[
@@ -98,7 +98,7 @@ class Robot:
     reference_heading_sigma_deg: Annotated[
         Annotated[float, "deg", Meta(ge=0, le=180)] | None, "reference.heading_sigma_deg"
     ] = None
-    # How long it stands at first: the gyro's bias is measured then
+    # Length of the initial standstill, in which the gyro's bias is measured
     standstill_at_start_s: Annotated[float, "s", Meta(ge=0, le=1e6), "standstill_at_start_s"] = 0.0
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ SHEET: Final = tuple(name for name in PATHS if name.startswith("gyro_"))
 
 
 def _section(name: str, content: Mapping[str, Any]) -> Any:
-    """The class of a part of robot.yaml, in which sizes that the file does not state are NaN."""
+    """Make the class of a section of robot.yaml; sizes that the file does not state are NaN."""
     rows: list[Any] = []
     for key, field in content.items():
         if isinstance(field, dict):
@@ -170,14 +170,14 @@ def load_robot(file: Path, has_wheels: bool = True) -> Loaded[Robot]:
 
 
 def _plain(value: object) -> object:
-    """Numbers of numpy as Python's."""
+    """Convert numpy's numbers to Python's."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> Config:
     """The daemon's configuration for a robot. Nothing in it comes from the recorded motion.
 
-    `gyro_hz`, `wheels_hz`: how often the sensors report, where the robot does not state it. None: there is no gyro.
+    `gyro_hz`, `wheels_hz`: the sensors' rates, used where the robot does not state them. None: there is no gyro.
     """
     sheet, bias_s = data_sheet(nominal), nominal.standstill_at_start_s
     protocol: Literal["ecore", "none"] = "none" if gyro_hz is None else "ecore"
@@ -197,7 +197,7 @@ def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> C
         protocol=protocol,
         positive="counterclockwise",
         rate_hz=gyro_hz,
-        full_scale_deg_s=5000.0,  # none stated: whatever the gyro gave is used
+        full_scale_deg_s=5000.0,  # none stated: all of the gyro's readings are used
         silent_after_s=max(Fog.silent_after_s, 3.0 / gyro_hz),
     )
     encoders = Encoders(
@@ -218,7 +218,7 @@ def longest_gap_s(wheels_hz: float) -> float:
 
 
 def data_sheet(robot: Robot) -> Robot:
-    """The robot with its class's typical noise where its gyro is a MEMS gyro and the data sheet says nothing."""
+    """The robot, with typical MEMS noise where its gyro is a MEMS gyro and the data sheet states none."""
     if (robot.gyro_kind or "").upper() != "MEMS":
         return robot
     return replace(robot, **{name: value for name, value in MEMS.items() if getattr(robot, name) is None})  # type: ignore[arg-type]  # fields of numbers

@@ -1,8 +1,8 @@
-"""YAML files into frozen dataclasses with msgspec, with the origin of each value and errors that name the key.
+"""Read YAML files into frozen dataclasses with msgspec; keep each value's origin; name the key in errors.
 
 A key's annotation gives its type: `Annotated[float, "m", Meta(ge=0.1, le=5)] | None`, `Literal["a", "b"]`; the text
-in it is the unit, or names what a text or a list holds. The string below the key gives its meaning. Every number is
-finite, and a whole one has 64 bits at most.
+in it is the unit, or says what a string or a list holds. The string below the key gives its meaning. Every number is
+finite; integers have at most 64 bits.
 """
 
 import ast
@@ -40,13 +40,13 @@ class ConfigError(Exception):
         self.where, self.path, self.expected, self.got = where, path, expected, got
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[str, str, str, str]]:
-        """Arguments for pickling: the text alone would not restore it."""
+        """Arguments for pickling, since the text alone would not restore the error."""
         return ConfigError, (self.where, self.path, self.expected, self.got)
 
 
 @dataclass(frozen=True)
 class Key:
-    """The content of an annotation. `low` and `high` belong to the range."""
+    """The content of an annotation. `low` and `high` are inclusive limits."""
 
     kind: Any
     unit: str = ""
@@ -70,7 +70,7 @@ class Key:
 
 @functools.cache
 def _arms(hint: Any) -> tuple[Key, ...]:
-    """Permitted types of a value, one after the other; null last."""
+    """Permitted types of a value, in order; null last."""
     if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
         return tuple(key for arm in typing.get_args(hint) for key in _arms(arm))
     notes: tuple[Any, ...] = getattr(hint, "__metadata__", ())
@@ -92,7 +92,7 @@ def _is_section(kind: Any) -> bool:
 
 
 def keys(cls: Any, prefix: str = "") -> Iterator[tuple[str, Key]]:
-    """Path and meaning of each key, those of a section in its place."""
+    """Path and annotation of each key; a section's keys are in its place."""
     for name, hint in _hints(cls).items():
         if _is_section(hint):
             yield from keys(hint, f"{prefix}{name}.")
@@ -106,7 +106,7 @@ def values(section: Any) -> dict[str, Any]:
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested sections, as in a file, of values by path."""
+    """Nest values by path into sections, as in a file."""
     content: dict[str, Any] = {}
     for path, value in values.items():
         *sections, name = path.split(".")
@@ -118,7 +118,7 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def meanings(cls: Any, prefix: str = "") -> dict[str, str]:
-    """The string below each key, by path. Reads the source."""
+    """The string below each key, by path, read from the source."""
     found: dict[str, str] = {}
     for part in cls.__mro__[-2::-1]:
         (definition,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
@@ -162,7 +162,7 @@ def read_text(file: Path, encoding: str = "utf-8") -> str:
 
 @contextmanager
 def named_by(key: str, file: Path) -> Iterator[None]:
-    """Report a file that is wrong as a whole at the line of the key that names it. Raises ConfigError."""
+    """Report a file that is invalid as a whole at the line of the key that names it. Raises ConfigError."""
     try:
         yield
     except ConfigError as error:
@@ -174,7 +174,7 @@ def named_by(key: str, file: Path) -> Iterator[None]:
 def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None) -> Loaded[T]:
     """Read YAML text into `cls`. Raises ConfigError; nothing else escapes.
 
-    A key that the text does not state has its default; with `base` it has the value there, and no key is required.
+    A key missing in the text has its default; with `base`, it has the value there and no key is required.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -187,7 +187,7 @@ def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None)
 def made(node: yaml.Node | None, cls: type[T], where: str, path: str = "", base: T | None = None) -> Loaded[T]:
     """`cls` from the YAML node at `path`. Raises ConfigError.
 
-    A field of the type `yaml.Node` is a node that is looked at later.
+    A field of the type `yaml.Node` keeps its node, for reading later.
     """
     reader = _Reader(where)
     plain = reader.section(cls, node, path, base)
@@ -202,7 +202,7 @@ def made(node: yaml.Node | None, cls: type[T], where: str, path: str = "", base:
 
 
 class _Reader:
-    """Plain values of YAML nodes, converted to their types; nodes and types are kept by path, for errors."""
+    """Converts YAML nodes to plain values of their types; keeps nodes and types by path, for errors."""
 
     def __init__(self, where: str):
         self.where = where
@@ -210,11 +210,11 @@ class _Reader:
         self.hints: dict[str, Any] = {}
 
     def at(self, path: str) -> str:
-        """File and line; empty where the file does not have the key."""
+        """File and line of a key; empty where the file does not contain it."""
         return f"{self.where}:{self.nodes[path].start_mark.line + 1}" if path in self.nodes else ""
 
     def error(self, path: str) -> ConfigError:
-        """The error of a value at `path` that is missing or not of its type."""
+        """The error for a value at `path` that is missing or of a wrong type."""
         node, arms = self.nodes.get(path), [arm for arm in _arms(self.hints[path]) if not _is_section(arm.kind)]
         got = "nothing (the key is required)" if node is None else _shown(node)
         if isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'} and arms[0].kind in (bool, int, float):
@@ -223,7 +223,7 @@ class _Reader:
         return ConfigError(where, path, " or ".join(arm.expected for arm in arms), got)
 
     def pairs(self, node: yaml.Node, path: str, names: tuple[str, ...] = ()) -> dict[str, yaml.Node]:
-        """The keys of a section, each once and one of `names` (none: any)."""
+        """The keys of a section; each may occur once and must be one of `names` (none: any)."""
         if node.tag == NULL:
             return {}
         if not isinstance(node, yaml.MappingNode):
@@ -269,7 +269,7 @@ class _Reader:
             return node
         if _is_section(kind):
             return self.section(kind, node, path)
-        if origin is dict:  # of texts as they are written
+        if origin is dict:  # its values are taken as text
             texts = self.pairs(node, path)
             self.hints |= {_join(path, name): str for name in texts}
             for name in (name for name, text in texts.items() if not isinstance(text, yaml.ScalarNode)):
@@ -296,13 +296,13 @@ def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
     if kind is bool:
         return BOOLEANS[text.lower() if node.tag == BOOL else ""]
     if kind not in (int, float):
-        # Line breaks and lone surrogates would come out again in a log, a Zenoh key or a frame name.
+        # Line breaks and lone surrogates would reappear in a log, a Zenoh key or a frame name.
         if not text or not text.isprintable():
             raise ValueError("empty or not printable")
         return text
     if node.style or node.tag == BOOL:
         raise ValueError("a quoted or boolean value is not a number")
-    # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
+    # PyYAML reads 2e-5 as a string (YAML 1.1 requires 2.0e-5), but a number is meant.
     number = int(text, 0) if kind is int else float(text)
     if not (abs(number) <= LARGEST_INT if kind is int else math.isfinite(number)):
         raise ValueError("not finite, or beyond 64 bits")
@@ -310,7 +310,7 @@ def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
 
 
 def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
-    """The place at which PyYAML gave up, as ":line" or "" if unknown, and its reason."""
+    """The line at which PyYAML failed, as ":line" or "" if unknown, and its reason."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         context = f" ({error.context})" if error.context else ""
         return f":{error.problem_mark.line + 1}", f"an error: {error.problem}{context}"
