@@ -23,7 +23,7 @@ class Agilex(Layout):
         self.counters = {"wrong_length": 0}
 
     def metres_per_count(self, radius_m: float) -> float:  # noqa: ARG002 - the robot knows its own radius
-        """One millimetre, whatever the radius: the robot itself turns counts into travel."""
+        """One millimetre, whatever the radius: the robot itself converts counts to travel."""
         return METRES_PER_COUNT
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:

@@ -35,7 +35,7 @@ class Cia406(Layout):
         self._emergencies = {EMERGENCY_ID + node for node in self._nodes.values()}
         ids = (*self._positions, *self._heartbeats, *self._emergencies)
         self.can_ids = tuple((can_id, False) for can_id in ids)
-        # An encoder wraps at object 6002h, which may be less: encoders.modulus_counts then says so.
+        # An encoder wraps at object 6002h, which may be less; encoders.modulus_counts must then state it.
         self.modulus_counts: int | None = 1 << (8 * key.byte_length)
         self.counters = {"wrong_length": 0, "boot_ups": 0, "emergencies": 0}
         if key.sync_period_s is not None:

@@ -5,19 +5,19 @@ from enum import Enum
 
 from drd.units import NS_PER_S, S_PER_NS
 
-# What a counter may do beyond the configured top speed: interpolation, vibration and dither at its edges.
+# Counts allowed beyond the configured top speed: interpolation, vibration and dither at the counter's edges.
 MARGIN_COUNTS = 3
-# The largest gap_s: after a longer silence nobody knows what the robot, or its counters' supply, went through.
+# Longest gap over which a counter is trusted: after more, the robot or its counters may have lost power.
 LONGEST_TOLD_S = 10.0
 
 
 class Outcome(Enum):
-    """Information of a reading on the travel since the previous one."""
+    """What a reading says about the travel since the previous one."""
 
     MOVED = "moved"
     """The travel since then is known, zero included."""
     GAP = "gap"
-    """It is known, but for too long nothing was heard to tell how it was made, or whether the counter went on."""
+    """It is known, but after too long a silence to say how it was driven, or whether the counter kept running."""
     NEW_START = "new start"
     """It is not known: first reading, gap, restart or jump."""
     IGNORED = "ignored"
@@ -27,8 +27,8 @@ class Outcome(Enum):
 class Travel(ABC):
     """Accumulates one side's travel; `total` is in counts, or in metres where speeds are integrated.
 
-    `total` keeps its value over a new start: only its differences between readings that MOVED, or over a GAP, are
-    motion. `told_s`: the longest gap over which readings tell the travel; 0: none.
+    `total` keeps its value over a new start: only its changes on readings that MOVED, or over a GAP, are motion.
+    `told_s`: the longest gap over which readings determine the travel; 0: none.
     """
 
     def __init__(self, gap_s: float, told_s: float = 0.0):
@@ -79,9 +79,9 @@ class Counter(Travel):
     """Unwraps a counter. A step faster than the robot can drive is a jump (preset, reset), not motion.
 
     `modulus_counts` None: the counter never wraps and may be fractional. `max_counts_s`: counts per second at the
-    robot's top speed. `period_s`: nominal time between readings; a reading may carry that much travel however
-    shortly it follows the one before, since adapters deliver frames in bunches. A gap in which the counter could
-    have turned by half its modulus is a gap too, even when shorter than `gap_s`.
+    robot's top speed. `period_s`: nominal time between readings; a reading may contain the travel of that time however
+    soon it follows the previous one, since adapters deliver frames in bunches. A time in which the counter could
+    have turned by half its modulus is a gap, too, even if shorter than `gap_s`.
     """
 
     def __init__(self, modulus_counts: int | None, max_counts_s: float, period_s: float, gap_s: float):
@@ -96,7 +96,7 @@ class Counter(Travel):
         self._period_s = period_s
 
     def _possible(self, value: float) -> bool:
-        # Signed and unsigned counters alike: differences modulo M do not care which of the two is read.
+        # Signed or unsigned: differences modulo M are the same.
         modulus = self._modulus_counts
         return modulus is None or -modulus // 2 <= value < modulus
 
@@ -113,7 +113,7 @@ class Counter(Travel):
 
 
 class SpeedIntegral(Travel):
-    """Integrates a speed in m/s by trapezoids. A speed beyond the robot's is not used."""
+    """Integrates a speed in m/s by the trapezoidal rule. A speed beyond the robot's is not used."""
 
     def __init__(self, max_speed_m_s: float, gap_s: float):
         super().__init__(gap_s)

@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
 
-# A message's length in bytes; where a signal begins and how long it is, in bits. The longest messages of SAE J1939 have
-# 1785 bytes; for as many bits as a file says cantools takes memory and minutes.
+# A message's length in bytes; a signal's start and length in bits. The longest messages of SAE J1939 have 1785 bytes;
+# for absurd sizes in a file, cantools would take much memory and minutes.
 _SIZES: Final = re.compile(rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|(\d+)\s*\|\s*(\d+)\s*@")
 _LARGEST: Final = 8 * 1785
 
 
 class _Field:
-    """One side's signal, decoded without its neighbours: cantools gives up on a message whose signals overlap."""
+    """One side's signal, decoded without its neighbours: cantools rejects a message whose signals overlap."""
 
     def __init__(self, message: "Message", signal: "Signal", base: Path, side: Side):
         self.can_id = (message.frame_id, message.is_extended_frame)
         self.length = message.length
         self._signal = signal
-        # The signals that select this one in a multiplexed message, each with the values that do.
+        # The signals that select this one in a multiplexed message, each with its selecting values.
         self._selectors: list[tuple[str, list[int]]] = []
         plain = [_plain(signal)]
         while signal.multiplexer_signal is not None:
@@ -49,12 +49,12 @@ class _Field:
                 is_extended_frame=message.is_extended_frame,
                 strict=True,
             )
-        except Exception as error:  # whatever cantools finds wrong with the signal's place
+        except Exception as error:  # anything that cantools rejects in the signal's place
             expected = f"a signal that lies within message {message.name}"
             raise ConfigError(str(base), side_key(side, "signal"), expected, str(error)) from error
 
     def decode(self, data: bytes) -> float | None:
-        """The signal's raw value; None where this frame does not hold it. Raises what cantools raises."""
+        """The signal's raw value; None if the frame does not contain it. Raises what cantools raises."""
         raw: Any = self._codec.decode(data, decode_choices=False, scaling=False)
         if any(raw[name] not in ids for name, ids in self._selectors):
             return None
@@ -94,7 +94,7 @@ class Dbc(Layout):
         self.counters = {"wrong_length": 0, "undecodable": 0, "not_finite": 0}
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
-        """The wanted signals that this frame holds; a multiplexed message may hold none."""
+        """The wanted signals in this frame; a multiplexed message may contain none."""
         fields = self._fields.get((frame.can_id, frame.extended), [])
         if any(len(frame.data) < field.length for _, field in fields):
             self.counters["wrong_length"] += 1
@@ -107,7 +107,7 @@ class Dbc(Layout):
             value = field.decode(data)
             if value is not None and self.reports_speed:
                 value = field.scaled(value) * self._speed_unit_m_s
-        except Exception:  # whatever cantools or bitstruct meets in foreign bytes, or makes of an absurd factor
+        except Exception:  # cantools and bitstruct may raise anything on foreign bytes or an absurd factor
             self.counters["undecodable"] += 1
             return None
         if value is None:
@@ -132,7 +132,7 @@ def load_database(encoders: Encoders, base: Path) -> "Database":
         for number in (int(text) for sizes in _SIZES.findall(file.read_bytes()) for text in sizes if text):
             if number > _LARGEST:
                 raise ValueError(f"a length or position of {number}, beyond the bits of a message")
-        # Not strict: files in use often hold overlapping signals, which do no harm to the wanted ones.
+        # Not strict: files in use often contain overlapping signals, which do not affect the wanted ones.
         database: Any = cantools.database.load_file(file, database_format="dbc", strict=False)
     except Exception as error:  # a parser of foreign text may raise anything
         got = " ".join(str(error).split()) or type(error).__name__
@@ -141,7 +141,7 @@ def load_database(encoders: Encoders, base: Path) -> "Database":
 
 
 def find_signal(database: "Database", encoders: Encoders, base: Path, side: Side) -> tuple["Message", "Signal"]:
-    """The message and signal of one side. Raises ConfigError naming the key of what is missing in the file."""
+    """The message and signal of one side. Raises ConfigError naming the key whose name is not in the file."""
     wheel, where = wheels(encoders)[side], str(base / str(encoders.dbc.file))
     message = next((m for m in database.messages if m.name == wheel.message), None)
     if message is None:

@@ -1,4 +1,4 @@
-"""Interface of all layouts of encoder frames: the frames that they read, and their content."""
+"""Common interface of the layouts of encoder frames: which frames they read, and what these contain."""
 
 from math import pi
 from pathlib import Path
@@ -23,11 +23,11 @@ class Layout(Protocol):
     """A layout of wheel readings in CAN frames. `decode` never raises: every bad frame has a counter.
 
     `can_ids`: the identifiers it reads, each with whether it is an extended (29-bit) one.
-    `modulus_counts`: count at which the counter starts again; None: it never does (float revolutions, speed).
-    `counts_per_revolution`: counts of one turn of the wheel; 1 where a reading is in revolutions.
+    `modulus_counts`: count at which the counter wraps; None: it never does (float revolutions, speed).
+    `counts_per_revolution`: counts per turn of the wheel; 1 where readings are in revolutions.
     `reports_speed`: a reading is the speed of the wheel's rim in m/s instead of a count.
-    `cyclic`: a frame that the daemon shall send again and again, and its period in seconds.
-    `from_file`: what it takes from a file, whatever the file's name; None: nothing.
+    `cyclic`: a frame that the daemon sends periodically, and its period in seconds.
+    `from_file`: the content that it takes from a file, regardless of the file's name; None: nothing.
     """
 
     can_ids: tuple[tuple[int, bool], ...]
@@ -39,7 +39,7 @@ class Layout(Protocol):
     from_file: str | None = None
 
     def metres_per_count(self, radius_m: float) -> float:
-        """Travel of a wheel of this radius in one count; 1 where readings are speeds."""
+        """Travel of a wheel of this radius per count; 1 where readings are speeds."""
         return 1.0 if self.reports_speed else 2.0 * pi * radius_m / self.counts_per_revolution
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
@@ -56,12 +56,12 @@ def wheels(encoders: Encoders) -> dict[Side, Wheel]:
 
 
 def side_key(side: Side, name: str) -> str:
-    """Path of a configuration key of one side, as errors name it."""
+    """Path of one side's configuration key, as named in errors."""
     return f"encoders.{side.name.lower()}.{name}"
 
 
 def counts_per_revolution(encoders: Encoders, base: Path) -> float:
-    """Counts of one wheel turn. Raises ConfigError where they are not configured."""
+    """Counts per wheel turn. Raises ConfigError where they are not configured."""
     if encoders.counts_per_revolution is None:
         expected = f"a number, since layout {encoders.layout} reads counts"
         raise ConfigError(str(base), "encoders.counts_per_revolution", expected, "nothing")
@@ -69,7 +69,7 @@ def counts_per_revolution(encoders: Encoders, base: Path) -> float:
 
 
 def nodes(encoders: Encoders, base: Path, low: int, high: int) -> dict[Side, int]:
-    """Node id of each side. Raises ConfigError where the layout's identifiers cannot hold one."""
+    """Node id of each side. Raises ConfigError where one does not fit into the layout's identifiers."""
     for side, wheel in wheels(encoders).items():
         if not low <= wheel.node <= high:
             expected = f"a whole number from {low} to {high} (layout {encoders.layout})"

@@ -1,4 +1,4 @@
-"""Left and right readings, each with its own time, combined into samples of both wheels' travel over one interval."""
+"""Combine left and right readings, each with its own time, into samples of both wheels' travel over one interval."""
 
 from dataclasses import dataclass
 from math import isfinite, nan
@@ -9,7 +9,7 @@ from drd.units import NS_PER_S, S_PER_NS
 
 @dataclass(slots=True)
 class _Point:
-    """One side's accumulated travel at a time, and whether a pair has made use of it."""
+    """One side's accumulated travel at a time, and whether a pair has used it."""
 
     t_ns: int
     travel_m: float
@@ -17,7 +17,7 @@ class _Point:
 
 
 class _Track:
-    """The last two points of one side. `older` is None where the travel since then is unknown."""
+    """The last two points of one side. `older` is None where the travel between them is unknown."""
 
     __slots__ = ("newer", "older")
 
@@ -26,7 +26,7 @@ class _Track:
         self.newer: _Point | None = None
 
     def push(self, point: _Point, *, moved: bool) -> int:
-        """Take the newest point; return how many points go without having been of use."""
+        """Take the newest point; return how many points are discarded unused."""
         gone = (self.older,) if moved else (self.older, self.newer)
         self.older, self.newer = self.newer if moved else None, point
         return sum(point is not None and not point.used for point in gone)
@@ -46,7 +46,7 @@ class _Track:
         return older.travel_m + (newer.travel_m - older.travel_m) * part
 
     def use(self) -> None:
-        """Note that both points have served a pair."""
+        """Mark both points as used by a pair."""
         for point in (self.older, self.newer):
             if point is not None:
                 point.used = True
@@ -55,9 +55,9 @@ class _Track:
 class Pairing:
     """Pairs both sides' travel at common times: the older of the two newest readings, the other interpolated.
 
-    So the skew between two nodes does not become a turn. Samples tile time: each begins where the last one ended,
-    or `lost_s` after it. Two nodes give at most one sample in half a nominal period, so that one pair of readings
-    is one sample; readings of the same time always give one. `end`: time and both travels where the last one ended.
+    Thus the skew between two nodes does not appear as a turn. Samples tile time: each begins where the last one ended,
+    or `lost_s` after it. Two nodes give at most one sample per half nominal period, so that one pair of readings is
+    one sample; readings of the same time always give one. `end`: time and both travels where the last one ended.
     """
 
     def __init__(self, window_s: float, gap_s: float, period_s: float):
@@ -67,15 +67,15 @@ class Pairing:
         self._least_ns = round(0.5 * period_s * NS_PER_S)
         self._tracks = {side: _Track() for side in Side}
         self.end: tuple[int, float, float] | None = None
-        self._broken = False  # a travel since then is not known
-        self._untold = False  # nor do the counters tell it
+        self._broken = False  # a side's travel since then is not known
+        self._untold = False  # nor can it be had from the counters
         self._lost_ns, self._lost_m = 0, 0.0
 
     def add(self, side: Side, t_ns: int, travel_m: float, *, moved: bool, told: bool = False) -> WheelSample | None:
         """Take one side's accumulated travel; times increase per side.
 
-        `moved` is False where the travel since that side's last reading is not known, or not `told` in time. Returns
-        the sample that this reading completes.
+        `moved` is False where the travel since that side's last reading is not known or, with `told`, is known only
+        over a gap. Returns the sample that this reading completes.
         """
         self.counters["unpaired"] += self._tracks[side].push(_Point(t_ns, travel_m), moved=moved)
         self._broken |= not moved
@@ -88,7 +88,7 @@ class Pairing:
         return self._sample_to(*pair)
 
     def _newest_pair(self) -> tuple[int, float, float] | None:
-        """Newest time at which both sides' travel is known, with the two; None where it brings no new sample."""
+        """Newest time at which both sides' travel is known, and both travels; None if that gives no new sample."""
         left, right = self._tracks[Side.LEFT], self._tracks[Side.RIGHT]
         if left.newer is None or right.newer is None:
             return None
@@ -101,7 +101,7 @@ class Pairing:
         return None if left_m is None or right_m is None else (t_ns, left_m, right_m)
 
     def _sample_to(self, t_ns: int, left_m: float, right_m: float) -> WheelSample | None:
-        """End an interval here; None where it is only a new start."""
+        """End an interval here; None if it is only a new start."""
         end, self.end = self.end, (t_ns, left_m, right_m)
         broken, self._broken = self._broken, False
         untold, self._untold = self._untold, False

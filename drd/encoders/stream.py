@@ -1,4 +1,4 @@
-"""CAN frames in, wheel samples out: layout, counters and pairing as configured."""
+"""Convert CAN frames to wheel samples with the configured layout, counters and pairing."""
 
 from collections import deque
 from pathlib import Path
@@ -12,21 +12,21 @@ from drd.encoders.pairing import Pairing
 from drd.samples import CanFrame, Side, WheelReading, WheelSample, WheelTurns
 from drd.units import NS_PER_S
 
-# Taken for the resolution where readings are no whole counts: far below any motion that matters.
+# Assumed resolution where readings are not whole counts: far below any motion that matters.
 UNCOUNTED_RESOLUTION_M = 1e-4
-# Least pairing window, in periods: two nodes that run free are up to half a period apart, and jitter.
+# Least pairing window, in periods: two free-running nodes are up to half a period apart, and jitter.
 WINDOW_PART = 0.75
-# Enough for both nodes' answers between two calls; a node that boots in a loop must not fill the memory.
+# Enough for replies to both nodes between two calls; a node in a boot loop must not fill the memory.
 MAX_REPLIES = 16
 
 
 class EncoderStream:
     """The wheel encoders of one robot. `feed` never raises on a frame's content.
 
-    `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send again and again and
-    its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first;
-    `first_ns`: that of the first of either. `metres`: forward travel of one unit of each side's readings;
-    `resolution_m`: that of one count of the coarser side. `from_file`: see Layout.
+    `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send periodically and its
+    period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first;
+    `first_ns`: that of either side's first. `metres`: forward travel per unit of each side's readings;
+    `resolution_m`: that per count of the coarser side. `from_file`: see Layout.
     """
 
     def __init__(self, encoders: Encoders, robot: Robot, base: Path):
@@ -54,7 +54,7 @@ class EncoderStream:
 
     @property
     def counters(self) -> dict[str, int]:
-        """All counters in one; those of one side begin with left_ or right_."""
+        """All counters in one mapping; those of one side begin with left_ or right_."""
         merged = {**self._counters, **self._layout.counters, **self._pairing.counters}
         for side, travel in self._travels.items():
             merged |= {f"{side.name.lower()}_{name}": count for name, count in travel.counters.items()}
@@ -78,7 +78,7 @@ class EncoderStream:
         return samples
 
     def turns(self) -> WheelTurns | None:
-        """The wheels' turns at the newest sample; None before it, after a gap, and where no counts are read."""
+        """The wheels' turns at the newest sample; None before the first, after a gap, and without counts."""
         sample, end = self._newest, self._pairing.end
         if self._layout.reports_speed or sample is None or end is None or end[0] != sample.t_ns:
             return None
@@ -88,7 +88,7 @@ class EncoderStream:
         return WheelTurns(sample.t_ns, end[1] / left_m, end[2] / right_m, left_rad_s, right_rad_s)
 
     def restart(self) -> None:
-        """Forget replies: the bus was opened again. Counters ran on: the gap's length decides if motion is lost."""
+        """Drop replies: the bus was reopened. Counters kept running: the gap's length decides if motion is lost."""
         self._replies.clear()
 
     def start_frames(self) -> tuple[CanFrame, ...]:
@@ -96,7 +96,7 @@ class EncoderStream:
         return self._layout.start_frames()
 
     def take_replies(self) -> list[CanFrame]:
-        """Frames to send now, in answer to what was received since the last call (a node's boot-up)."""
+        """Frames to send now in reply to those received since the last call (a node's boot-up)."""
         replies = list(self._replies)
         self._replies.clear()
         return replies
@@ -114,7 +114,7 @@ class EncoderStream:
         return self._pairing.add(side, sampled_ns, travel_m, moved=outcome is Outcome.MOVED, told=told)
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
-        """The side's accumulator. Raises ConfigError where readings could not be used even without any loss."""
+        """The side's accumulator. Raises ConfigError where readings could not be used even without losses."""
         period_s = 1.0 / encoders.rate_hz
         if encoders.gap_s <= period_s:
             got = f"{encoders.gap_s:g}"
