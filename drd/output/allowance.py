@@ -1,4 +1,4 @@
-"""A rate that must not be exceeded for long: the token bucket."""
+"""Rate limiter: a token bucket."""
 
 import threading
 import time
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class Allowance:
-    """`at_once` tokens at most, refilled at `per_s` (1/s). May be used from any thread."""
+    """A bucket of at most `at_once` tokens, refilled at `per_s` (1/s). May be used from any thread."""
 
     def __init__(self, per_s: float, at_once: float, clock_s: Callable[[], float] = time.monotonic):
         self._per_s, self._at_once, self._clock_s = per_s, at_once, clock_s

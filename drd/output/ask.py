@@ -1,4 +1,4 @@
-"""A query to a running daemon, for all of its clients."""
+"""Query a running daemon; shared by all clients."""
 
 import json
 from typing import Any, Final
@@ -9,9 +9,9 @@ import zenoh
 from drd.output.messages import Refused
 from drd.output.session import tidy
 
-# The daemon answers within milliseconds; longer means that it is not there.
+# The daemon answers within milliseconds; no answer for longer means that it is not running.
 ANSWER_S: Final = 3.0
-# Zenoh's own word for no answer in time; it may as well send none.
+# Zenoh's own reply when no answer came in time; it may also send none.
 TIMEOUT: Final = b"Timeout"
 
 

@@ -1,7 +1,7 @@
-"""ROS 2's messages as they go over the wire: classic CDR (OMG DDSI-RTPS 2.3, clause 10), little-endian.
+"""ROS 2's messages as sent over the wire: classic CDR (OMG DDSI-RTPS 2.3, clause 10), little-endian.
 
-An encoder holds the message laid out once for one pair of frames, and is not for several threads at a time. Every
-`wall_ns` is CLOCK_REALTIME and becomes the message's stamp, held at the int32 seconds that the message has.
+An encoder lays its message out once for one pair of frames, and is not thread-safe. Every `wall_ns` is CLOCK_REALTIME
+and becomes the message's stamp, limited to the message's int32 seconds.
 """
 
 import math
@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from drd.samples import Pose
 from drd.units import NS_PER_S
 
-# Variance (m^2, rad^2, (m/s)^2, (rad/s)^2) of what is not known. A zero would tell a fusing filter "exact".
+# Variance (m^2, rad^2, (m/s)^2, (rad/s)^2) of unknown quantities. Zero would mean "exact" to a fusing filter.
 UNKNOWN_VARIANCE = 1e6
-# First element of an Imu's covariance whose quantity is not measured at all (REP-145, and Imu.msg itself).
+# First element of an Imu covariance whose quantity is not measured (REP-145, and Imu.msg itself).
 NOT_MEASURED = -1.0
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR_LE, no options
@@ -30,7 +30,7 @@ _IMU_RATE_Z_VARIANCE = 24
 
 
 class CdrWriter:
-    """Appends values to a message. Alignment counts from behind the encapsulation header."""
+    """Appends values to a message. Alignment counts from the end of the encapsulation header."""
 
     def __init__(self, start: bytes = _ENCAPSULATION) -> None:
         self.data = bytearray(start)
@@ -40,7 +40,7 @@ class CdrWriter:
         self.data += bytes(-(len(self.data) - len(_ENCAPSULATION)) % alignment)
 
     def count(self, value: int) -> None:
-        """Append a uint32, as which a sequence's length goes ahead of it."""
+        """Append a uint32, the length that precedes a sequence."""
         self.pad(4)
         self.data += _COUNT.pack(value)
 
@@ -65,7 +65,7 @@ class CdrWriter:
 
 
 class CdrReader:
-    """Takes values from a message, one after the other. Raises ValueError for what it does not hold."""
+    """Reads values from a message in order. Raises ValueError where the message does not contain them."""
 
     def __init__(self, data: bytes) -> None:
         if data[:2] != _ENCAPSULATION[:2]:
@@ -73,12 +73,12 @@ class CdrReader:
         self._body, self._at = data[len(_ENCAPSULATION) :], 0
 
     def header(self) -> tuple[int, str]:
-        """Take a std_msgs/Header: stamp in ns, and frame."""
+        """Read a std_msgs/Header: stamp in ns, and frame."""
         seconds, nanoseconds = self._take(_STAMP, 4)
         return seconds * NS_PER_S + nanoseconds, self.text()
 
     def text(self) -> str:
-        """Take a string."""
+        """Read a string."""
         (length,) = self._take(_COUNT, 4)
         end = self._at + length
         if not 0 < length <= len(self._body) - self._at:
@@ -87,7 +87,7 @@ class CdrReader:
         return data.decode()
 
     def doubles(self, count: int) -> tuple[float, ...]:
-        """Take so many float64, whose count is fixed and not in the message."""
+        """Read `count` float64 values; the count is fixed and not in the message."""
         return self._take(struct.Struct(f"<{count}d"), 8)
 
     def _take(self, form: struct.Struct, alignment: int) -> tuple[Any, ...]:
@@ -99,7 +99,7 @@ class CdrReader:
 
 
 class _Template:
-    """A message of fixed strings: header, texts, then nothing but doubles, which `values` has."""
+    """A message with fixed strings: header, texts, then only doubles, kept in `values`."""
 
     def __init__(self, before: bytes, texts: Sequence[str], values: list[float]):
         head = CdrWriter(_ENCAPSULATION + before)
@@ -123,9 +123,9 @@ class _Template:
 class OdometryEncoder:
     """nav_msgs/Odometry.
 
-    The robot is planar: z, roll and pitch are 0 with UNKNOWN_VARIANCE, as their truth is not observed. The twist is
+    The estimate is planar: z, roll and pitch are 0 with UNKNOWN_VARIANCE, since they are not observed. The twist is
     in the child frame: linear.x is the speed, angular.z the rate, each with its variance; linear.y is 0 with
-    UNKNOWN_VARIANCE, as sideways slip is not observed.
+    UNKNOWN_VARIANCE, since sideways slip is not observed.
     """
 
     def __init__(self, frame_id: str, child_frame_id: str):
@@ -156,7 +156,7 @@ class TransformEncoder:
     """tf2_msgs/TFMessage with one transform: from `frame_id` to the robot, `child_frame_id`."""
 
     def __init__(self, frame_id: str, child_frame_id: str):
-        # translation 3, quaternion 4, behind the sequence's length
+        # translation 3, quaternion 4, after the sequence's length
         self._message = _Template(_COUNT.pack(1), (frame_id, child_frame_id), [0.0] * 7)
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
@@ -168,10 +168,10 @@ class TransformEncoder:
 
 
 class ImuEncoder:
-    """sensor_msgs/Imu in the robot's own frame, `frame_id`: the yaw rate free of bias, and the heading.
+    """sensor_msgs/Imu in the robot's own frame, `frame_id`: the bias-corrected yaw rate, and the heading.
 
-    The orientation is that of the odometry: its yaw with its variance, roll and pitch 0 with UNKNOWN_VARIANCE; so
-    are the rates about x and y. Acceleration is not measured, which its covariance says.
+    The orientation is that of the odometry: yaw with its variance, roll and pitch 0 with UNKNOWN_VARIANCE, and so
+    are the rates about x and y. Acceleration is marked in its covariance as not measured.
     """
 
     def __init__(self, frame_id: str):
@@ -203,7 +203,7 @@ class JointStateEncoder:
         self._head = bytes(head.data)
 
     def encode(self, positions_rad: Sequence[float], velocities_rad_s: Sequence[float], wall_ns: int) -> bytes:
-        """One message; either sequence is in the order of the names, or empty where it is not known."""
+        """One message; each sequence is in the order of the names, or empty if unknown."""
         message = CdrWriter(self._head)
         message.data[len(_ENCAPSULATION) : len(_ENCAPSULATION) + _STAMP.size] = _stamp(wall_ns)
         for values in (positions_rad, velocities_rad_s, ()):
@@ -251,7 +251,7 @@ def _stamp(wall_ns: int) -> bytes:
 
 
 def quaternion_zw(heading_rad: float) -> tuple[float, float]:
-    """z and w of the turn about the vertical; NaN for a heading that is not finite."""
+    """z and w of the quaternion of a heading; NaN if the heading is not finite."""
     # Wrapped first: half of a large angle loses digits. NaN passes through fmod; infinity would not.
     half = 0.5 * math.fmod(heading_rad, 4.0 * math.pi) if math.isfinite(heading_rad) else math.nan
     return math.sin(half), math.cos(half)

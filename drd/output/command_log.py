@@ -1,4 +1,4 @@
-"""The log of commands from outside: command, sender as far as it can be known, and outcome."""
+"""The log of commands from outside: command, sender as far as known, and outcome."""
 
 import logging
 import threading
@@ -14,17 +14,17 @@ log = logging.getLogger(__name__)
 
 MAX_SHOWN = 200
 MAX_NEIGHBOURS = 8
-# Refusals beyond this are counted, not written: whoever floods must not fill the disk with log lines.
+# Refusals beyond this are counted, not logged: a flood of commands must not fill the disk.
 REFUSALS_PER_S = 2.0
 REFUSALS_AT_ONCE = 10.0
 
 
 class CommandLog:
-    """A line for each command that was carried out, and for refused ones up to REFUSALS_PER_S.
+    """Logs each command carried out, and refused ones up to REFUSALS_PER_S.
 
-    A Zenoh query does not say who sent it. What is known are the neighbours when the line is written: address and,
-    with TLS, the common name of the certificate. `later` is given the work of writing, which may wait for the disk;
-    the rest only counts and may be called from any thread.
+    A Zenoh query does not say who sent it; the line names the neighbours at the time of writing: address and, with TLS,
+    the common name of the certificate. `later` takes the writing, which may wait for the disk; the rest only counts and
+    may be called from any thread.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class CommandLog:
         self._later(lambda: self._write(key, payload, "accepted"))
 
     def refused(self, key: str, payload: Any, reason: str) -> bool:
-        """Log a command that was not carried out, if there are not too many; returns whether."""
+        """Log a command that was not carried out, unless there are too many; return whether it was logged."""
         allowed = self._allowance.take()
         with self._lock:
             unwritten = self._unwritten
@@ -61,7 +61,7 @@ class CommandLog:
 
 
 def neighbours(session: Any) -> list[str]:
-    """The other end of each open link of a zenoh.Session: its certificate's common name, if it has one, and address."""
+    """The other end of each open link of a zenoh.Session: its certificate's common name, if any, and address."""
     try:
         return [f"{link.auth_identifier or 'unknown'!a} at {link.dst}" for link in session.info.links()]
     except zenoh.ZError:  # the session is closed

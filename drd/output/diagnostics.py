@@ -8,12 +8,12 @@ from drd.output.cdr import Diagnostic
 from drd.samples import Validity
 
 OK, WARN, ERROR = 0, 1, 2
-# As robot_monitor colours them. The rest warns: initialising passes by itself, and is no worse than degraded.
+# Levels as robot_monitor colours them. The rest are warnings: initialising is temporary, and no worse than degraded.
 LEVELS: Final = {Validity.VALID: OK, Validity.INVALID: ERROR}
 
 
 def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
-    """The pose's validity with its reasons and, where there are a recorder and a monitor, theirs."""
+    """Status of the pose (validity and reasons) and, if they run, of recorder and monitor."""
     validity, robot = Validity(health["validity"]), health["robot"]
     reasons = {reason["source"]: reason["text"] for reason in health["reasons"]}
     message = "; ".join([validity.value, *(f"{source}: {text}" for source, text in reasons.items())])
@@ -30,7 +30,7 @@ def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
 
 
 def _scalars(values: Mapping[str, Any]) -> dict[str, str]:
-    """Numbers and words, without nested and unknown values."""
+    """Numbers and strings only, without nested and unknown values."""
     return {
         name: f"{value:.6g}" if isinstance(value, float) else str(value)
         for name, value in values.items()

@@ -1,4 +1,4 @@
-"""Warnings about access that the Zenoh configuration gives to others."""
+"""Warnings about the access that the Zenoh configuration grants."""
 
 import ipaddress
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ _ENCRYPTED = ("tls", "quic")
 
 
 def exposure(output: Output) -> list[str]:
-    """Sentences about access that is open to unauthorised people; none where none is.
+    """Sentences about access open to unauthorised people; empty if there is none.
 
     `output` must have passed session.check_output. Only the endpoints on which the daemon listens are checked: the
     router at `connect` decides by its own configuration who may connect through it.
@@ -37,7 +37,7 @@ def _open_doors(config: zenoh.Config, output: Output) -> Iterator[str]:
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:
-    """The endpoints on which it listens; Zenoh accepts one list for all modes, or one for each."""
+    """The endpoints on which it listens; Zenoh accepts one list for all modes, or one per mode."""
     found = value_of(config, "listen/endpoints")
     if isinstance(found, dict):
         found = found.get(value_of(config, "mode") or "peer", [])

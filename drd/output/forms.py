@@ -1,4 +1,4 @@
-"""The forms in which a query may be asked and answered: JSON, or a service of ROS 2."""
+"""The forms of queries and answers: JSON, or a ROS 2 service."""
 
 import math
 import time
@@ -16,7 +16,7 @@ QUESTIONS = ("pose", "health", "findings", "config")
 
 
 class Reply(NamedTuple):
-    """An answer; `failed`: sent as Zenoh's error, for which no service of ROS 2 has a field."""
+    """An answer; `failed`: sent as Zenoh's error, for which ROS 2 services have no field."""
 
     payload: bytes
     encoding: zenoh.Encoding
@@ -46,7 +46,7 @@ class Form(ABC):
 
 
 class JsonForm(Form):
-    """A JSON object each way, without attachments."""
+    """A JSON object in both directions, without attachments."""
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002  # others' clients may have one
         """See Form."""
@@ -62,9 +62,9 @@ class JsonForm(Form):
 
 
 class _Service(Form):
-    """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer, `done`."""
+    """A service of rmw_zenoh: CDR in both directions; the answer returns the request's attachment, `done`."""
 
-    complete = True  # rmw_zenoh asks complete queryables only
+    complete = True  # rmw_zenoh queries complete queryables only
     done: bytes
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
@@ -100,9 +100,9 @@ class TriggerService(_Service):
 
 
 class SetPoseService(_Service):
-    """robot_localization/SetPose: PoseWithCovarianceStamped in, nothing back; so a refusal can only be Zenoh's error.
+    """robot_localization/SetPose: PoseWithCovarianceStamped in, nothing out; so a refusal can only be Zenoh's error.
 
-    Taken is the planar part: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
+    Only the planar part is used: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
     """
 
     done = EMPTY
@@ -118,7 +118,7 @@ class SetPoseService(_Service):
 
 
 def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
-    """The request of `set_pose` from geometry_msgs/PoseWithCovarianceStamped as CDR. Raises Refused.
+    """Read a `set_pose` request from a geometry_msgs/PoseWithCovarianceStamped in CDR. Raises Refused.
 
     Its frame must be `frame_id` or empty.
     """
@@ -134,7 +134,7 @@ def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
         raise Refused("pose: expected finite numbers")
     x_m, y_m, _, qx, qy, qz, qw = values[:7]
     xx, xy, yx, yy, hh = (values[7 + i] for i in (0, 1, 6, 7, 35))
-    if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and texts of few digits
+    if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and values typed with few digits
         raise Refused("pose.orientation: expected a unit quaternion")
     if min(xx, yy, hh) < 0:
         raise Refused("pose.covariance: expected variances of at least 0")

@@ -1,4 +1,4 @@
-"""The pose as Foxglove's own messages in Protobuf, which Foxglove and Rerun draw directly.
+"""The pose as Foxglove's Protobuf messages, which Foxglove and Rerun draw directly.
 
 `PoseEncoder`: foxglove.FrameTransform and foxglove.PoseInFrame. `Scene`: foxglove.SceneUpdate with the path so far and
 the bound. `SCHEMA` describes all three. Source: docs.foxglove.dev/docs/sdk/schemas.
@@ -58,17 +58,17 @@ SCHEMA: Final = (
     )
 )
 
-# x and y, then z and w of the quaternion, as two messages behind each other; their tags stand between the numbers.
+# x and y, then z and w of the quaternion, as two consecutive messages with the tags between the numbers.
 _PLACE: Final = struct.Struct("<2sBdBd2sBdBd")
 _POINT: Final = struct.Struct("<2sBdBd")
 _X, _Y, _Z, _W = (number << 3 | 1 for number in (1, 2, 3, 4))
 
-# A path is thinned to half whenever it has so many points: 20 kB, and steps of at most 2 m after a kilometre.
+# A path is thinned to half at this many points: 20 kB, and steps of at most 2 m after a kilometre.
 MOST_POINTS: Final = 1024
 FIRST_STEP_M: Final = 0.05
-# Points lie on a grid of a millimetre or so: the zeros at the end of each double vanish when a file is packed.
+# Points are on a grid of about a millimetre, so that the trailing zeros of each double compress well.
 GRID_M: Final = 1.0 / 1024.0
-# A longer step than the speed explains, by so much, was not driven: set_pose, reset, another run.
+# A step longer than the speed explains by this much was not driven: set_pose, reset, another run.
 JUMP_M: Final = 1.0
 PATH_PIXELS: Final = 3.0
 DISC_M: Final = 0.01
@@ -94,14 +94,14 @@ class PoseEncoder:
         return _stamp(wall_ns) + self._in_frame + _place(pose, b"\x0a", b"\x12")
 
     def transform(self, pose: Pose, wall_ns: int) -> bytes:
-        """A foxglove.FrameTransform from the frame of the odometry to that of the robot."""
+        """A foxglove.FrameTransform from the odometry frame to the robot frame."""
         return _stamp(wall_ns) + self._transform + _place(pose, b"\x22", b"\x2a")
 
 
 class Scene:
-    """The path so far as one line, thinned where it is long, and the bound as a disc around the robot.
+    """The path so far as one line, thinned when long, and the bound as a disc around the robot.
 
-    The disc's colour tells the validity: green, amber (degraded), red (invalid) or grey (initialising).
+    The disc's colour shows the validity: green, amber (degraded), red (invalid) or grey (initialising).
     """
 
     def __init__(self, frame_id: str, child_frame_id: str):
@@ -111,7 +111,7 @@ class Scene:
         self._last_m = (math.nan, math.nan)  # the newest point of the line
         self._before: Pose | None = None
         identity = field(1, b"") + field(2, doubles(w=1.0))
-        for_ever = field(4, b"")  # a lifetime of 0 s, which some viewers want to be there
+        for_ever = field(4, b"")  # a lifetime of 0 s, which some viewers require
         self._path = field(2, frame_id) + field(3, "path") + for_ever
         self._line = field(2, identity) + double(3, PATH_PIXELS) + whole(4, True) + field(6, _colour(PATH_COLOUR))
         self._bound = field(2, child_frame_id) + field(3, "bound") + for_ever + whole(5, True)
@@ -119,7 +119,7 @@ class Scene:
         self._colours = {v: field(5, _colour(c)) for v, c in BOUND_COLOURS.items()}
 
     def add(self, pose: Pose) -> None:
-        """Lengthen the path, if the robot has gone on far enough; after a jump it begins anew."""
+        """Extend the path once the robot has moved far enough; after a jump, start it anew."""
         x_m, y_m = pose.x_m, pose.y_m
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
             return
@@ -149,7 +149,7 @@ class Scene:
         return field(2, path) + field(2, bound)
 
     def _thin(self) -> None:
-        """Keep every second point, the first of all among them."""
+        """Keep every second point, including the first."""
         size = _POINT.size
         kept = [self._points[i * size : (i + 1) * size] for i in range(0, self._count, 2)]
         self._points[: len(kept) * size] = b"".join(kept)
@@ -157,13 +157,13 @@ class Scene:
 
 
 def _place(pose: Pose, position: bytes, orientation: bytes) -> bytes:
-    """Position and orientation, each behind the tag of its field."""
+    """Position and orientation, each after the tag of its field."""
     z, w = quaternion_zw(pose.heading_rad)
     return _PLACE.pack(position + b"\x12", _X, pose.x_m, _Y, pose.y_m, orientation + b"\x12", _Z, z, _W, w)
 
 
 def _stamp(wall_ns: int) -> bytes:
-    """The field 1 of all messages: google.protobuf.Timestamp."""
+    """Field 1 of all messages: google.protobuf.Timestamp."""
     seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
     return field(1, whole(1, seconds) + whole(2, nanoseconds))
 

@@ -17,15 +17,15 @@ MAX_REQUEST_BYTES = 4096
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
-class Refused(Exception):  # noqa: N818  # an outcome, not a fault: the asker is told and all goes on
+class Refused(Exception):  # noqa: N818  # an outcome, not a fault: the sender gets the reason and nothing stops
     """A request is refused; the text says why and goes back to the sender."""
 
 
 def pose_dict(pose: Pose, wall_ns: int) -> dict[str, Any]:
     """The pose as plain values; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`.
 
-    `covariance_m_rad` is the full 3x3 matrix of x, y, heading (m^2, m rad, rad^2), `since_s` how long before the
-    pose a reason began. `heading_rad` is not wrapped.
+    `covariance_m_rad` is the full 3x3 matrix of x, y, heading (m^2, m rad, rad^2), `since_s` the time from a reason's
+    start to the pose. `heading_rad` is not wrapped.
     """
     xx, xy, xh, yy, yh, hh = pose.covariance
     return {
@@ -55,10 +55,10 @@ def pose_json(pose: Pose, wall_ns: int) -> bytes:
 
 
 def encode(value: Mapping[str, Any]) -> bytes:
-    """Compact JSON in ASCII. Non-finite numbers become null; types that JSON does not have become text."""
-    with suppress(TypeError, ValueError):  # it knows no numpy
+    """Compact JSON in ASCII. Non-finite numbers become null; types unknown to JSON become text."""
+    with suppress(TypeError, ValueError):  # it does not support numpy types
         data = msgspec.json.encode(value)
-        if data.isascii():  # it escapes nothing
+        if data.isascii():  # it does not escape
             return data
     return _ENCODER.encode(_plain(value)).encode("ascii")
 

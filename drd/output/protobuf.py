@@ -1,4 +1,4 @@
-"""Protocol Buffers without their library, for messages whose form is fixed: pieces of the wire, and their schemas.
+"""Protocol Buffers without their library, for messages of fixed form: wire encoding and schemas.
 
 Source: protobuf.dev/programming-guides/encoding, and google/protobuf/descriptor.proto for the schemas.
 """
@@ -15,7 +15,7 @@ _OPTIONAL, _REPEATED = 1, 3
 
 
 def varint(value: int) -> bytes:
-    """A whole number, seven bits a byte, lowest first; a negative one as the two's complement of 64 bits."""
+    """Encode an integer, seven bits per byte, lowest first; a negative one as 64-bit two's complement."""
     value &= (1 << 64) - 1
     data = bytearray()
     while value > 0x7F:
@@ -26,22 +26,22 @@ def varint(value: int) -> bytes:
 
 
 def whole(number: int, value: int) -> bytes:
-    """The field `number` of a whole number, a truth value or an enumeration."""
+    """Encode the field `number`: an integer, a boolean or an enumeration."""
     return varint(number << 3) + varint(value)
 
 
 def doubles(**fields: float) -> bytes:
-    """Fields of type double in the order of x, y, z, w, from number 1; what is not given is 0 and takes no bytes."""
+    """Encode double fields x, y, z, w, numbered from 1; those not given are 0 and take no bytes."""
     return b"".join(double(number, fields[name]) for number, name in enumerate("xyzw", 1) if name in fields)
 
 
 def double(number: int, value: float) -> bytes:
-    """The field `number`, below 16, of a double."""
+    """Encode the field `number`, below 16: a double."""
     return _DOUBLE.pack(number << 3 | 1, value)
 
 
 def field(number: int, data: bytes | str) -> bytes:
-    """The field `number` of a text, bytes or a message within a message."""
+    """Encode the field `number`: a string, bytes or an embedded message."""
     data = data.encode("utf-8", "replace") if isinstance(data, str) else data
     return varint(number << 3 | 2) + varint(len(data)) + data
 

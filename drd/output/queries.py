@@ -1,4 +1,4 @@
-"""Answers to Zenoh queries: the threads that ask stay outside, the handlers run in the daemon's event loop."""
+"""Answer Zenoh queries: Zenoh's threads only hand them over, the handlers run in the daemon's event loop."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,7 @@ from drd.output.forms import COMMANDS, QUESTIONS, Form, JsonForm, Reply
 from drd.output.messages import MAX_REQUEST_BYTES, Refused
 
 MAX_IN_FLIGHT = 64
-# Beyond, queries are refused before anything is read: parsing them would take the time that poses need.
+# Beyond this rate queries are refused unread: parsing them would take time that the poses need.
 QUERIES_PER_S = 200.0
 QUERIES_AT_ONCE = 100.0
 
@@ -27,12 +27,12 @@ log = logging.getLogger(__name__)
 
 
 class QueryDesk:
-    """Takes queries in, has them handled in `loop`, sends the replies from a thread of its own.
+    """Receives queries, has them handled in `loop`, and sends the replies from its own thread.
 
-    The loop never replies itself: a getter that has stopped reading blocks a reply for 5 s, the time after which
-    Zenoh gives the neighbour up. At most MAX_IN_FLIGHT queries are between arrival and reply, and QUERIES_PER_S are
-    read; more are refused, whoever sent them. Commands are logged, carried out or refused; a get with a wildcard that
-    only touches a command is none.
+    The loop never replies itself: a getter that has stopped reading blocks a reply for 5 s, until Zenoh gives the
+    neighbour up. At most MAX_IN_FLIGHT queries are between arrival and reply, and at most QUERIES_PER_S are read; more
+    are refused, whoever sent them. Commands are logged, whether carried out or refused; a get whose wildcard happens to
+    match a command is not one.
     """
 
     def __init__(
@@ -58,10 +58,10 @@ class QueryDesk:
         self._replies.start()
 
     def declare(self, session: Any, prefix: str, services: Sequence[Form] = ()) -> None:
-        """Make every handler's name a queryable under `prefix`, and each of `services` one, too.
+        """Declare a queryable under `prefix` for every handler's name, and one for each of `services`.
 
-        The callbacks run in Zenoh's receiving threads (`indirect=False`): threads of Python's own would keep the
-        interpreter from exiting if the session were not closed.
+        The callbacks run in Zenoh's receiving threads (`indirect=False`): Python threads would keep the interpreter
+        from exiting if the session were not closed.
         """
         self._session = session
         for form in (*(JsonForm(name, f"{prefix}/{name}") for name in (*QUESTIONS, *COMMANDS)), *services):
@@ -69,23 +69,23 @@ class QueryDesk:
             session.declare_queryable(form.key, callback, complete=form.complete)
 
     def close(self) -> None:
-        """Refuse what comes from now on and let the reply thread end. Call before the session is closed."""
+        """Refuse queries from now on and let the reply thread end. Call before closing the session."""
         self._closed = True
         self._outbox.put(None)
 
     def join(self) -> None:
-        """Wait for the reply thread. Call once the session is closed: a reply that waits for a neighbour fails then.
+        """Wait for the reply thread. Call after closing the session, which fails a reply that waits for a neighbour.
 
-        An interpreter that exits while the thread is in one of Zenoh's functions ends it there, at which Zenoh aborts
-        the process (PyO3, pull request 4874).
+        An interpreter that exits while the thread is inside a Zenoh function kills it there, whereupon Zenoh aborts the
+        process (PyO3, pull request 4874).
         """
         self._replies.join()
 
     def _receive(self, form: Form, query: Any) -> None:
-        """Accept a query; in Zenoh's thread, so with bounded work, and without raising."""
+        """Accept a query; runs in Zenoh's thread, so does bounded work and never raises."""
         self._count("queries")
         if form.name in COMMANDS and str(query.key_expr) != form.key:
-            # A get on `prefix/**` means to read; it must not reset the robot.
+            # A get on `prefix/**` is meant to read; it must not reset the robot.
             self._count("queries_refused")
             query.drop()
         elif form.name in COMMANDS and not self._commands_allowed:
@@ -114,7 +114,7 @@ class QueryDesk:
         return True
 
     def _handle(self, form: Form, query: Any, request: dict[str, Any]) -> None:
-        """Answer a query; in the event loop."""
+        """Answer a query; runs in the event loop."""
         try:
             reply = form.answer(_attachment(query), self._handlers[form.name](request))
             if form.name in COMMANDS:
@@ -134,13 +134,13 @@ class QueryDesk:
 
     def _refuse(self, form: Form, query: Any, counter: str, text: str) -> None:
         reply, is_logged = self._refusal(form, query, counter, text)
-        if is_logged:  # behind that line, which names the neighbours: who asked might be gone upon the answer
+        if is_logged:  # after that line, which names the neighbours: the asker may leave once answered
             self._outbox.put(lambda: _send(form, query, reply))
         else:
             _send(form, query, reply)
 
     def _refusal(self, form: Form, query: Any, counter: str, text: str) -> tuple[Reply, bool]:
-        """Count and log; the answer, and whether a line is written."""
+        """Count and log a refusal; return the answer, and whether a line is written."""
         self._count(counter)
         is_logged = form.name in COMMANDS and self._command_log.refused(form.key, query.payload, text)
         return form.refusal(_attachment(query), text), is_logged
@@ -155,7 +155,7 @@ class QueryDesk:
 
 
 def _bytes(data: Any, what: str) -> bytes:
-    """Copy a query's bytes; their size is checked first. Raises Refused."""
+    """Copy a query's bytes after checking their size. Raises Refused."""
     if data is None:
         return b""
     if len(data) > MAX_REQUEST_BYTES:
@@ -165,14 +165,14 @@ def _bytes(data: Any, what: str) -> bytes:
 
 
 def _attachment(query: Any) -> bytes:
-    """The query's attachment; one that is too long is none."""
+    """The query's attachment; one that is too long counts as none."""
     with contextlib.suppress(Refused):
         return _bytes(query.attachment, "attachment")
     return b""
 
 
 def _send(form: Form, query: Any, reply: Reply) -> None:
-    # A session that closes meanwhile fails the reply; nobody waits for it any more. Leaving the query's context
+    # If the session closes meanwhile the reply fails, but nobody waits for it any more. Leaving the query's context
     # finalises it, so that the getter ends at once.
     with contextlib.suppress(zenoh.ZError), query:
         if reply.failed:

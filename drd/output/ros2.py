@@ -1,4 +1,4 @@
-"""Names of a ROS 2 node with publishers and services on Zenoh, as rmw_zenoh forms them.
+"""Zenoh keys of a ROS 2 node, its publishers and services, as rmw_zenoh forms them.
 
 Source: ros2/rmw_zenoh, rmw_zenoh_cpp/src/detail (liveliness_utils.cpp, attachment_helpers.cpp, qos.cpp,
 rmw_service_data.cpp).
@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-# REP-2016 hashes of all types in use; the same from Iron to Kilted. Another hash is another key: no delivery.
+# REP-2016 hashes of all types in use; the same from Iron to Kilted. A wrong hash gives another key: no delivery.
 TYPE_HASHES: Final = {
     "nav_msgs/msg/Odometry": "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     "tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
@@ -20,10 +20,10 @@ TYPE_HASHES: Final = {
     "robot_localization/srv/SetPose": "RIHS01_ba31db4232f0c06c0f43eb6c73e84d08cba08d54061698d13310fa4ccbe46c63",
     "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
 }
-# What Humble, which has no type hashes, puts in the hash's place.
+# Used in place of the hash by Humble, which has no type hashes.
 HUMBLE_HASH: Final = "TypeHashNotSupported"
 # reliability:durability:history,depth:deadline:lifespan:liveliness, numbers of rmw/types.h: reliable, volatile, keep
-# the last 10. Empty fields mean the default, and durability's default differs between versions: it is written out.
+# the last 10. Empty fields mean the default; durability is written out since its default differs between versions.
 QOS: Final = "1:2:1,10:,:,:,,"
 NODE_NAME: Final = "drd"
 ATTACHMENT_BYTES: Final = 33
@@ -46,7 +46,7 @@ class Endpoint(NamedTuple):
 
 @dataclass
 class Ros2Node:
-    """The names of one node. `zid` is the Zenoh session's id in hex, `namespace` is without outer slashes."""
+    """The keys of one node. `zid` is the Zenoh session's id in hex, `namespace` has no outer slashes."""
 
     domain: int
     namespace: str
@@ -58,11 +58,11 @@ class Ros2Node:
         self.tokens = [f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/{self._names}"]
 
     def publisher(self, topic: str, type_name: str) -> Endpoint:
-        """A new publisher; `topic` is without outer slashes and has its namespace in it."""
+        """A new publisher; `topic` includes its namespace and has no outer slashes."""
         return self._endpoint("MP", topic, type_name)
 
     def service(self, name: str, type_name: str) -> Endpoint:
-        """A new service, named as topics are."""
+        """A new service, named like a topic."""
         return self._endpoint("SS", name, type_name)
 
     def _endpoint(self, kind: str, name: str, type_name: str) -> Endpoint:
@@ -83,23 +83,23 @@ class Ros2Node:
 
 
 def topic_name(text: str) -> str | None:
-    """The topic without outer slashes, or None where ROS 2 would not take the name (names.md of the ROS 2 design)."""
+    """The topic without outer slashes, or None if ROS 2 does not allow the name (names.md of the ROS 2 design)."""
     name = text.strip("/")
     return name if _TOPIC.fullmatch(name) else None
 
 
 def in_namespace(namespace: str, topic: str) -> str:
-    """The full name, without outer slashes, of a topic that is relative unless it begins with a slash."""
+    """Full name, without outer slashes, of a topic, which is relative unless it begins with a slash."""
     return topic.strip("/") if topic.startswith("/") or not namespace else f"{namespace}/{topic.strip('/')}"
 
 
 def attachment(sequence: int, wall_ns: int, gid: bytes) -> bytes:
-    """What every sample must carry, else rmw_zenoh drops it: 33 bytes; `sequence` starts at 1."""
+    """The attachment without which rmw_zenoh drops a sample: 33 bytes; `sequence` starts at 1."""
     return _ATTACHMENT.pack(sequence, wall_ns, len(gid), gid)
 
 
 def reply_attachment(request: bytes, wall_ns: int) -> bytes:
-    """The attachment of a service's reply: the request's own, by which its client knows it, with another time."""
+    """The attachment of a service's reply: the request's own, which identifies it to the client, with a new time."""
     return request[:8] + struct.pack("<q", wall_ns) + request[16:]
 
 

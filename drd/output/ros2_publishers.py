@@ -33,10 +33,10 @@ class _Publisher:
 class Ros2Publishers:
     """Declares the publishers of `output`. Each method raises zenoh.ZError.
 
-    None waits for a slow reader, as the pose does not. Where `output.zenoh_config` leaves Zenoh's own queues, they hold
-    two express messages of one priority, and a third in the burst of one pose would be dropped on a busy machine: the
-    odometry has a priority of its own behind pose and odometry of `drd`, and the others go in Zenoh's batches, as its
-    usual data.
+    None waits for a slow reader; neither does the pose. Where `output.zenoh_config` keeps Zenoh's default queues, they
+    hold two express messages per priority, and a third in the burst of one pose would be dropped on a busy machine: so
+    the odometry has a priority of its own, below pose and odometry of `drd`, and the others go in Zenoh's batches, like
+    its usual data.
     """
 
     def __init__(self, session: Any, output: Output):
@@ -76,7 +76,7 @@ class Ros2Publishers:
         return self._joints is not None
 
     def publish_pose(self, pose: Pose, odometry: bytes, wall_ns: int) -> None:
-        """Publish the pose in all its forms; `odometry` is it as CDR."""
+        """Publish the pose in all its forms; `odometry` is the pose as CDR."""
         self.odometry.put(odometry, wall_ns)
         if self._tf is not None:
             self._tf.put(self._tf_encoder.encode(pose, wall_ns), wall_ns)
@@ -84,7 +84,7 @@ class Ros2Publishers:
             self._imu.put(self._imu_encoder.encode(pose, wall_ns), wall_ns)
 
     def publish_turns(self, turns: WheelTurns, wall_ns: int) -> None:
-        """Publish the wheels' turns, once for each sample of theirs; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`."""
+        """Publish the wheels' turns, once per wheel sample; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`."""
         if self._joints is None or turns.t_ns == self._joints_ns:
             return
         self._joints_ns = turns.t_ns

@@ -13,17 +13,17 @@ from drd.config.schema import ConfigError
 from drd.output.ros2 import topic_name
 from drd.units import NS_PER_US
 
-# A message above this is dropped where it arrives, before it takes memory. Zenoh's own limit is 1 GiB.
+# Larger messages are dropped on arrival, before they take memory. Zenoh's own limit is 1 GiB.
 MAX_MESSAGE_BYTES = 65_536
-# Messages that the queue to each neighbour holds at each priority that the publishers have. Zenoh's own 2 are soon full
-# where the machine is busy, so that Zenoh's sending thread waits for its turn: of three express messages of one pose
-# the third was lost. 16 is the most that Zenoh takes.
+# Queue length per neighbour, for each priority that the publishers use. Zenoh's default of 2 fills up when Zenoh's
+# sending thread waits for its turn on a busy machine: of three express messages of one pose the third was lost. 16 is
+# Zenoh's maximum.
 QUEUES = ("real_time", "interactive_high", "data")
 QUEUED_MESSAGES = 16
 
-# What a neighbour may say to the daemon, and the daemon to it. The rest is not passed on either: Zenoh connects a
-# session's neighbours with each other, so that without this anybody could publish a pose under our name.
-# `**` does not reach into chunks that begin with @.
+# Messages allowed between a neighbour and the daemon. The rest is not forwarded either: Zenoh connects a session's
+# neighbours with each other, so that without this anybody could publish a pose under our name.
+# `**` does not match chunks that begin with @.
 _ACCESS: dict[str, Any] = {
     "enabled": True,
     "default_permission": "deny",
@@ -61,8 +61,8 @@ def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]
     """A configuration with only these endpoints. Raises zenoh.ZError for one that is malformed.
 
     Shared memory is off: it needs mlock and /dev/shm, which a sandbox refuses. Gossip, by which neighbours learn of
-    each other, is on only where this session connects somewhere: without it a ROS 2 peer behind the same router
-    never hears us. A connection that fails is tried again for ever and does not fail the start.
+    each other, is on only if this session connects somewhere: without it a ROS 2 peer behind the same router never
+    hears us. A failed connection is retried for ever and does not fail the start.
     """
     config = zenoh.Config()
     values: dict[str, Any] = {
@@ -86,7 +86,7 @@ def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]
 
 
 def session_config(output: Output) -> zenoh.Config:
-    """The daemon's configuration: `output.zenoh_config` as it stands, else a peer that listens to queries only.
+    """The daemon's configuration: `output.zenoh_config` unchanged, else a peer that receives queries only.
 
     Raises ConfigError for a file, zenoh.ZError for endpoints that cannot be used.
     """
@@ -120,7 +120,7 @@ def value_of(config: zenoh.Config, path: str) -> Any:
 
 
 def check_output(output: Output) -> None:
-    """Check what can be known without opening a session. Raises ConfigError naming the key."""
+    """Check all that can be checked without opening a session. Raises ConfigError naming the key."""
     _check_ros2(output)
     if output.zenoh_config is not None:
         _from_file(output.zenoh_config)
@@ -152,9 +152,9 @@ def _from_file(file: str) -> zenoh.Config:
 
 
 def open_session(output: Output) -> Any:
-    """The daemon's session: from `output.zenoh_config` as it stands, else a peer with `listen` and `connect`.
+    """The daemon's session: from `output.zenoh_config` unchanged, else a peer with `listen` and `connect`.
 
-    Returns within about 0.5 s, also when nothing answers at `connect`. Raises ConfigError naming the key.
+    Returns within about 0.5 s, even if nothing answers at `connect`. Raises ConfigError naming the key.
     The result is a zenoh.Session; it is Any because zenoh's stubs leave most results unannotated.
     """
     check_output(output)
@@ -184,12 +184,12 @@ def unreadable_files(output: Output) -> list[str]:
 
 
 def tidy(error: zenoh.ZError) -> str:
-    """The error's text without the places in Zenoh's source that it ends with."""
+    """The error's text without the source locations at its end."""
     return re.sub(r" at \S+\.rs:\d+\.?", "", str(error))
 
 
 def _blamed(text: str, output: Output) -> str:
-    """The key at fault: unreachable neighbours fail no start, a protocol of `connect` that Zenoh does not know does."""
+    """The key at fault: an unreachable neighbour does not fail the start, an unknown protocol in `connect` does."""
     for endpoint in output.connect:
         if f"for {endpoint.partition('/')[0]} protocol" in text:
             return "output.connect"

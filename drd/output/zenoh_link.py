@@ -31,8 +31,8 @@ class ZenohLink:
     (pose, health, findings, config, set_pose, reset, calibrate_bias), each called in `loop` with the query's JSON
     object; it returns the answer or raises messages.Refused.
 
-    Zenoh does not say which messages it dropped. Counted is what can be seen (`full_queues`): the puts that slept and
-    took as long as Zenoh waits for room in a neighbour's queue before it drops.
+    Zenoh does not report which messages it dropped. `full_queues` counts the visible sign: puts that slept for as long
+    as Zenoh waits for room in a neighbour's queue before it drops.
 
     The constructor opens the session (up to 0.5 s) and raises ConfigError. `close` must be called, not from a
     callback of Zenoh's. Publish from one thread only.
@@ -57,7 +57,7 @@ class ZenohLink:
 
     def _declare(self, output: Output) -> None:
         session, prefix = self._session, output.prefix
-        # Not batched, ahead of everything else, and never waiting for a slow reader: the next pose is worth more.
+        # Not batched, before everything else, and never waiting for a slow reader: the next pose is worth more.
         swift = {
             "priority": zenoh.Priority.REAL_TIME,
             "express": True,
@@ -106,9 +106,9 @@ class ZenohLink:
         self.counters["findings"] += self._tried(self._findings.put, encode(payload))
 
     def neighbours(self) -> int:
-        """How many sessions are connected now; 0 once it is closed.
+        """Number of sessions connected now; 0 once closed.
 
-        Zenoh does not report whom it refused, so the log says when the maximum is reached.
+        Zenoh does not report refused sessions, so the log says when the maximum is reached.
         """
         before = self._neighbours
         try:
@@ -132,7 +132,7 @@ class ZenohLink:
         return True
 
     def close(self, deadline_s: float = 3.0) -> bool:
-        """Close the session; False where it did not end in time. May be called again.
+        """Close the session; False if it did not end in time. May be called again.
 
         Zenoh's close can take seconds and has been seen to hang, so it runs in a thread that does not keep the
         interpreter alive. After False, leave with os._exit: an orderly exit could hang too.
@@ -154,5 +154,5 @@ class ZenohLink:
 
 
 def _times_slept() -> int:
-    """Voluntary context switches of this thread: it makes one to wait for room, not when it is preempted."""
+    """Voluntary context switches of this thread: waiting for room causes one, being preempted does not."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
