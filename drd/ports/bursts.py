@@ -1,4 +1,4 @@
-"""Times of frames from an adapter without time stamps, when several were read at once."""
+"""Times of frames that were read at once from an adapter without time stamps."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from drd.units import NS_PER_S
 class Bursts:
     """Spreads the times of frames that waited (in an adapter, or for the host) and were all read at one moment.
 
-    Taken for their times, that moment would make a speed of many times the robot's. So the frames of one identifier
-    that were read together follow the one before the burst at the nominal period, or closer where there is no room;
-    after a loss they end at the moment of reading.
+    With that moment as their time, the speed would come out many times too large. So frames of one identifier that were
+    read together follow the one before the burst at the nominal period, or closer if there is no room; after a loss
+    they end at the moment of reading.
     """
 
     def __init__(self, rate_hz: float):

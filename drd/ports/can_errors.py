@@ -14,7 +14,7 @@ CLASSES: Final = {
     0x100: "restarted",
 }
 CONTROLLER_PROBLEM: Final = 0x004
-# What the controller problem is: bits of data[1].
+# Kind of controller problem: bits of data[1].
 CONTROLLER: Final = {
     0x01: "rx_overflow",
     0x02: "tx_overflow",
@@ -38,7 +38,7 @@ COUNTERS: Final = tuple(dict.fromkeys((*CLASSES.values(), *CONTROLLER.values()))
 
 
 def problems(can_id: int, data: bytes) -> set[str]:
-    """Names out of `COUNTERS` that an error frame reports; unknown bits are ignored."""
+    """Names of `COUNTERS` that an error frame reports; unknown bits are ignored."""
     names = {name for bit, name in CLASSES.items() if can_id & bit}
     if can_id & CONTROLLER_PROBLEM and len(data) > 1:
         names |= {name for bit, name in CONTROLLER.items() if data[1] & bit}
@@ -46,5 +46,5 @@ def problems(can_id: int, data: bytes) -> set[str]:
 
 
 def state_after(reported: set[str], state: str | None) -> str | None:
-    """The bus's state once `reported` problems are known; `state` where they do not say."""
+    """The bus's state after the `reported` problems; `state` if they do not determine it."""
     return next((text for name, text in STATES.items() if name in reported), state)

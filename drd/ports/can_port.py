@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 # Some seconds of encoder frames: a burst that is read in parts cannot be told from one that was not. (drd.ports.bursts)
 FRAMES_PER_WAKE_UP: Final = 256
 FRAMES_PER_BATCH: Final = 256
-# An slcan adapter whose channel another program closed, or that restarted, sends nothing until it is opened again.
+# An slcan adapter that restarted, or whose channel another program closed, sends nothing until it is reopened.
 SLCAN_SILENCE_NS: Final = 5 * NS_PER_S
 THREAD_POLL_S: Final = 0.1
 SENDS_WAITING: Final = 16
@@ -49,12 +49,12 @@ class CanPort(Port):
     """Reads the bus until cancelled and calls `on_frames` on the event loop with batches of data frames, in order.
 
     `can_ids`: identifiers to receive, each with its extended flag; none = all. Frames wait in a queue of
-    `encoders.queue_frames`; when it is full the oldest is dropped and counted, since the newest counter reading says
-    most. `frames` counts what came from the bus, dropped ones included. Receive times are CLOCK_MONOTONIC. The bus's
+    `encoders.queue_frames`; when it is full the oldest is dropped and counted, since the newest reading is worth
+    most. `frames` counts all frames from the bus, dropped ones included. Receive times are CLOCK_MONOTONIC. The bus's
     own troubles (bus-off, error-passive) are reported as state until a data frame or the controller's restart.
 
-    python-can's Notifier and AsyncBufferedReader are not used: the one takes one frame per wake-up and hands its
-    exceptions to nobody, the other's queue is unbounded.
+    python-can's Notifier and AsyncBufferedReader are not used: the former takes one frame per wake-up and reports its
+    exceptions to nobody, the latter's queue is unbounded.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class CanPort(Port):
         self._stop_reader = threading.Event()
         self._file_number: int | None = None
         self._interface_index: int | None = None
-        # Text of the bus's trouble as of the last frame read; the reader thread writes it.
+        # The bus's trouble as of the last frame read, as text; written by the reader thread.
         self._bus_state: str | None = None
         self._queue: deque[CanFrame] = deque()
         self._delivery_due = False
@@ -95,7 +95,7 @@ class CanPort(Port):
         try:
             await super().run()
         finally:
-            # A delivery may still be scheduled: nothing is handed over after the end.
+            # A delivery may still be scheduled, but nothing may be handed over after the end.
             self._queue.clear()
 
     def send(self, can_id: int, data: bytes, extended: bool = False) -> None:
@@ -113,7 +113,7 @@ class CanPort(Port):
         except Exception as error:  # vendor drivers raise their own
             self.counters["send_errors"] += 1
             log.debug("bus=%s send=%s", self._device, reason_of(error))
-            # The kernel tells a socket only once that its interface went down: the reader then never hears of it.
+            # The kernel reports only once to a socket that its interface went down: the reader then never learns of it.
             if isinstance(error.__cause__, OSError) and error.__cause__.errno in INTERFACE_GONE:
                 self._loop.call_soon_threadsafe(self._lose, reason_of(error))
         finally:
@@ -125,7 +125,7 @@ class CanPort(Port):
             # program's channel. So the device is locked first, the way pyserial locks.
             self._guard = os.open(self._device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             fcntl.flock(self._guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # Read before opening: an interface that is replaced in between is then noticed.
+        # Read before opening, so that an interface replaced in between is noticed.
         self._interface_index = _interface_index(self._device)
         self._bus = self._open_bus(**self._bus_arguments)
         self._bus_state = None
@@ -186,7 +186,7 @@ class CanPort(Port):
         if not self._is_open or bus is not self._bus:  # lost before its turn came
             return
         try:
-            # Frames that are left after so many wake the loop again: only SlcanBus keeps complete frames back.
+            # Frames left after this many wake the loop again: only SlcanBus holds complete frames back.
             for _ in range(min(FRAMES_PER_WAKE_UP, self._encoders.queue_frames)):
                 if not self._receive(bus, 0):
                     break
@@ -206,11 +206,11 @@ class CanPort(Port):
             self._loop.call_soon_threadsafe(self._lose, reason_of(error))
 
     def _receive(self, bus: can.BusABC, timeout_s: float) -> bool:
-        """Take one frame from the bus; False when there is none. Raises when the bus is lost."""
+        """Take one frame from the bus; False if there is none. Raises when the bus is lost."""
         try:
             message = bus.recv(timeout_s)
         except Exception as error:
-            # slcan raises these because of a line that is no frame, others where the adapter is gone.
+            # slcan raises these for a line that is not a frame, others if the adapter is gone.
             if not (isinstance(bus, SlcanBus) and isinstance(error, (ValueError, KeyError, IndexError))):
                 raise
             self.counters["bad_frames"] += 1
@@ -218,7 +218,7 @@ class CanPort(Port):
         if message is None:
             if not isinstance(bus, SlcanBus):
                 return False
-            if bus.has_line:  # behind one that is no frame, or not wanted
+            if bus.has_line:  # after one that is not a frame, or not wanted
                 return True
             # Noise without line ends would grow the buffer for ever.
             if len(bus._buffer) > SLCAN_LINE_BYTES:
@@ -259,7 +259,7 @@ class CanPort(Port):
             self._loop.call_soon_threadsafe(self._deliver)
 
     def _deliver(self) -> None:
-        """Hand over one batch; more batches take their turn in the loop."""
+        """Hand over one batch; further batches take their turn in the loop."""
         with self._lock:
             self._delivery_due = False
             batch = [self._queue.popleft() for _ in range(min(FRAMES_PER_BATCH, len(self._queue)))]
@@ -286,14 +286,14 @@ class CanPort(Port):
         self._count_kernel_drops()
         if isinstance(self._bus, SlcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
             return "silent; its channel may have been closed"
-        # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
-        # interface have no index, then as now.
+        # The socket of an interface that was deleted and recreated stays silent for ever. Devices that are not network
+        # interfaces never have an index.
         same = _interface_index(self._device) == self._interface_index
         return None if same else "the interface was deleted or recreated"
 
 
 def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> dict[str, Any]:
-    """Arguments of can.Bus. No configuration file of python-can is read: ours is complete."""
+    """Arguments of can.Bus. python-can's configuration files are not read: ours is complete."""
     filters = [{"can_id": i, "can_mask": _mask(extended), "extended": extended} for i, extended in can_ids]
     arguments: dict[str, Any] = {"interface": encoders.interface, "channel": encoders.channel, "ignore_config": True}
     arguments["can_filters"] = filters or None

@@ -1,4 +1,4 @@
-"""Wall-clock receive stamps of CAN drivers onto CLOCK_MONOTONIC."""
+"""Convert CAN drivers' wall-clock receive stamps to CLOCK_MONOTONIC."""
 
 import time
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Final
 
 from drd.units import NS_PER_S
 
-# How often the daemon, and a replay as the daemon, looks at its clock.
+# How often the daemon, and a replay in its place, looks at its clock.
 TICK_S: Final = 0.05
 # CLOCK_REALTIME and CLOCK_MONOTONIC are disciplined alike (clock_gettime(2)): their difference moves in steps only.
 STEP_NS: Final = 1_000_000
@@ -18,7 +18,7 @@ READ_ATTEMPTS: Final = 4
 
 
 def read_both(monotonic_ns: Callable[[], int], time_ns: Callable[[], int]) -> tuple[int, int, int]:
-    """CLOCK_MONOTONIC and CLOCK_REALTIME of the same moment, and how long the best reading of both took; ns."""
+    """CLOCK_MONOTONIC and CLOCK_REALTIME at the same moment, and how long the best reading of both took; ns."""
     readings = []
     for _ in range(READ_ATTEMPTS):
         before_ns, wall_ns, after_ns = monotonic_ns(), time_ns(), monotonic_ns()
@@ -56,7 +56,7 @@ class ReceiveClock:
         """Receive time in CLOCK_MONOTONIC ns of a frame that the driver stamped `stamp_s` (CLOCK_REALTIME, s)."""
         now_ns, wall_ns, took_ns = read_both(self._monotonic_ns, self._time_ns)
         change_ns = abs(wall_ns - now_ns - self._offset_ns)
-        # A busy machine stretches the reading; what lies within its uncertainty is no news of the offset.
+        # A busy machine stretches the reading; a change within its uncertainty is not a step.
         if change_ns > STEP_NS + took_ns + self._offset_known_ns:
             self._step_seen_ns = now_ns
         if change_ns > took_ns + self._offset_known_ns or took_ns < self._offset_known_ns:

@@ -1,4 +1,4 @@
-"""A device that is kept open: opened off the event loop, re-opened after every loss, closed in every path."""
+"""A device that is kept open: opened off the event loop, reopened after every loss, closed on every path."""
 
 import asyncio
 import errno
@@ -9,17 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 VANISHED_CHECK_S: Final = 1.0
-# Waits before a device is opened again: each twice the one before, until it has delivered data.
+# Waits before a device is reopened: each twice the previous one, until it has delivered data.
 FIRST_WAIT_S: Final = 0.1
 LONGEST_WAIT_S: Final = 2.0
 
 
 class Port(ABC):
-    """Opening, loss and re-opening, common to the serial port and the CAN bus.
+    """Opening, loss and reopening, common to the serial port and the CAN bus.
 
-    `on_state(None)`: open; `on_state(text)`: the reason why no data can come. It is called on changes only, from the
-    event loop. Nothing that a device or driver does raises out of `run()`. An exception in a data callback, a bug of
-    ours, goes to the loop's exception handler; reading goes on.
+    `on_state(None)`: open; `on_state(text)`: why no data can arrive. It is called on changes only, from the event
+    loop. Nothing that a device or driver does raises out of `run()`. An exception in a data callback, a bug of ours,
+    goes to the loop's exception handler; reading continues.
     """
 
     def __init__(self, device: str, on_state: Callable[[str | None], None]):
@@ -36,7 +36,7 @@ class Port(ABC):
     async def run(self) -> None:
         """Keep the device open and read it until cancelled."""
         self._loop = asyncio.get_running_loop()
-        # A single thread does all that may block, in order: closing waits for an opening that was cancelled half way.
+        # A single thread does all blocking work in order: closing waits for an opening that was cancelled half way.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"drd {self._device}")
         try:
             while True:
@@ -54,7 +54,7 @@ class Port(ABC):
                 await self._loop.run_in_executor(self._worker, self._open)
                 self._is_open = True
                 self._start_reading()
-            except Exception as error:  # drivers raise what they like: OSError, ValueError, termios.error, CanError
+            except Exception as error:  # drivers raise anything: OSError, ValueError, termios.error, CanError
                 self.counters["open_errors"] += 1
                 reason = f"cannot open {self._device}: {reason_of(error)}"
             else:
@@ -81,7 +81,7 @@ class Port(ABC):
         return self._lost.result()
 
     def _lose(self, reason: str) -> None:
-        """End this life of the device. Call it on the event loop; only the first reason counts."""
+        """End this life of the device. Call on the event loop; only the first reason counts."""
         if not self._lost.done():
             self._lost.set_result(reason)
 
@@ -96,23 +96,23 @@ class Port(ABC):
 
     @abstractmethod
     def _close(self) -> None:
-        """Close whatever `_open` left open, if anything; runs in the worker thread, may block, never raises."""
+        """Close anything that `_open` left open; runs in the worker thread, may block, never raises."""
 
     @abstractmethod
     def _start_reading(self) -> None:
-        """Deliver what arrives, from the loop's next turn on; call `_lose` when nothing can arrive any more."""
+        """Deliver arriving data, from the loop's next turn on; call `_lose` when no more can arrive."""
 
     @abstractmethod
     def _stop_reading(self) -> None:
-        """Undo `_start_reading`, also where that raised half way or was never called."""
+        """Undo `_start_reading`, even if that raised half way or was never called."""
 
     @abstractmethod
     def _vanished(self) -> str | None:
-        """Reason why the open device no longer has that name; asked each second, as drivers do not report it."""
+        """Why the open device no longer has that name; asked each second, as drivers do not report it."""
 
 
 def reason_of(error: Exception) -> str:
-    """A phrase for a failure: the system's own where an errno is known, else the library's."""
+    """A phrase for a failure: the system's if an errno is known, else the library's."""
     for candidate in (error, error.__cause__):
         if isinstance(candidate, OSError) and candidate.errno:
             if candidate.errno == errno.EWOULDBLOCK:  # flock's answer

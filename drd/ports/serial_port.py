@@ -23,8 +23,8 @@ class SerialPort(Port):
     """Reads `fog.port` until cancelled and calls `on_bytes(data, t_ns)` with each piece that arrives.
 
     `t_ns` is CLOCK_MONOTONIC at the wake-up for that piece, taken before it is read. The port is opened exclusively,
-    which keeps out only programs that ask for the same (flock). A port that is absent, unplugged, or replaced behind
-    its symbolic link is waited for.
+    which keeps out only programs that also lock it (flock). A port that is absent, unplugged, or replaced behind its
+    symbolic link is waited for.
     """
 
     def __init__(self, fog: Fog, on_bytes: Callable[[bytes, int], None], on_state: Callable[[str | None], None]):
@@ -56,15 +56,15 @@ class SerialPort(Port):
             self._loop.remove_reader(self._port.fileno())
 
     def read_waiting(self) -> None:
-        """Deliver what has arrived now, and not in a later turn of the loop."""
+        """Deliver the data that have arrived, now and not in a later turn of the loop."""
         if self._is_open and self._port is not None:
             self._on_readable(self._port)
 
     def _on_readable(self, port: serial.Serial) -> None:
         t_ns = time.monotonic_ns()
         try:
-            # With timeout 0 this is one select() and one read(). The select matters: a tty in pyserial's mode
-            # (VMIN 0) answers a read without data as it answers one after a hang-up.
+            # With timeout 0 this is one select() and one read(). The select matters: in pyserial's mode (VMIN 0) a
+            # tty answers a read without data like one after a hang-up.
             data = port.read(READ_BYTES)
         except OSError as error:  # SerialException is one
             self._lose(reason_of(error))
@@ -84,9 +84,9 @@ class SerialPort(Port):
 
 
 def request_low_latency(port: serial.Serial) -> bool:
-    """Ask the driver to hand over bytes at once (ASYNC_LOW_LATENCY; FTDI adapters wait up to 16 ms otherwise).
+    """Ask the driver to hand over bytes at once (ASYNC_LOW_LATENCY; FTDI adapters otherwise wait up to 16 ms).
 
-    False where it refuses, as ptys and many drivers do.
+    False if it refuses, as ptys and many drivers do.
     """
     try:
         port.set_low_latency_mode(True)

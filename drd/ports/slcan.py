@@ -1,4 +1,4 @@
-"""A serial CAN adapter, read in large pieces: python-can's own reader makes two system calls for each byte."""
+"""A serial CAN adapter, read in large pieces: python-can's own reader makes two system calls per byte."""
 
 import re
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ HEAD: Final = re.compile(rb"(t[0-7][0-9A-Fa-f]{2}|T[01][0-9A-Fa-f]{7})[0-8]")
 
 
 class SlcanBus(slcanBus):
-    """Reads many bytes at a time. Lines wait in here: who waits for the file descriptor asks `has_line`, too.
+    """Reads many bytes at a time. It buffers lines: who waits for the file descriptor must also ask `has_line`.
 
-    Data frames of other identifiers than those of `can_filters`, which must name single ones, are skipped unread.
+    Data frames with identifiers not in `can_filters`, which must name single ones, are skipped unread.
     """
 
     _wanted: frozenset[bytes] | None = None
 
     @property
     def has_line(self) -> bool:
-        """Whether `recv` has a line without reading."""
+        """Whether `recv` has a buffered line."""
         return END.search(self._buffer) is not None
 
     def _apply_filters(self, filters: Sequence[Any] | None) -> None:
@@ -32,11 +32,11 @@ class SlcanBus(slcanBus):
         self._wanted = frozenset(heads) or None
 
     def _read(self, timeout: float | None) -> str | None:
-        """The next line with its end. Raises ValueError for one that is not ASCII."""
+        """The next line with its terminator. Raises ValueError if it is not ASCII."""
         waiting, line = Timeout(timeout), self._next_line()
         while line is None:
             with error_check("Could not read from serial device"):
-                port = self.serialPortOrig  # whose size says why it is gone; a read would not
+                port = self.serialPortOrig  # its in_waiting says why it is gone; a read would not
                 self._buffer += port.read(max(1, port.in_waiting))
             line = self._next_line()
             if line is None and waiting.expired():
