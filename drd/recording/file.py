@@ -1,4 +1,4 @@
-"""One MCAP file that is readable up to its last flush at any moment."""
+"""One MCAP file that at any moment is readable up to its last flush."""
 
 import os
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ CHUNK_BYTES: Final = 64 * 1024
 
 
 class _Sink:
-    """What the MCAP writer writes to: kept in memory, and appended to the file at `flush`, whole or not at all."""
+    """Output of the MCAP writer: kept in memory, and appended to the file by `flush`, entirely or not at all."""
 
     def __init__(self, path: Path):
         self.size = 0
@@ -50,16 +50,16 @@ class _Sink:
 
 
 class RecordingFile:
-    """Created anew at `path` with its attachments and the metadata `drd`. Every method raises OSError.
+    """A new file at `path` with its attachments and the metadata `drd`. Every method raises OSError.
 
-    After an OSError only `abandon` may be called; the file then holds what was flushed before.
+    After an OSError only `abandon` may be called; the file then contains all that was flushed before.
     """
 
     def __init__(self, path: Path, information: Mapping[str, str], attachments: Mapping[str, bytes], wall_ns: int):
         self.path = path
         self._sink = _Sink(path)
-        self._start_bytes: int | None = None  # the file without any message
-        # Typed only in part.
+        self._start_bytes: int | None = None  # size of the file without messages
+        # Only partly typed.
         self._writer: Any = Writer(self._sink, chunk_size=CHUNK_BYTES)  # type: ignore[arg-type]
         try:
             self._begin(information, attachments, wall_ns)
@@ -81,7 +81,7 @@ class RecordingFile:
         self.sync()
         folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            os.fsync(folder)  # the name, too, survives a power cut
+            os.fsync(folder)  # so that the name, too, survives a power cut
         finally:
             os.close(folder)
 
@@ -102,15 +102,15 @@ class RecordingFile:
         )
 
     def flush(self) -> None:
-        """Hand everything to the system: it then survives the end of this process."""
+        """Hand everything to the operating system, so that it survives the end of this process."""
         self._writer.flush()
 
     def sync(self) -> None:
-        """Wait until the disk has what was flushed: it then survives a power cut."""
+        """Wait until all flushed data are on the disk, so that they survive a power cut."""
         self._sink.sync()
 
     def finish(self, end: Mapping[str, str]) -> None:
-        """Write what is left, the metadata `drd.end` behind it and the index, and close."""
+        """Write the rest, then the metadata `drd.end` and the index, and close."""
         self.flush()
         self._writer.add_metadata("drd.end", dict(end))
         self._writer.finish()
@@ -119,7 +119,7 @@ class RecordingFile:
         self._sink.close()
 
     def abandon(self) -> bool:
-        """Close without an end. True: no message was flushed, so the file is deleted. Never raises."""
+        """Close without `drd.end`. True: no message was flushed, so the file is deleted. Never raises."""
         is_empty = self._start_bytes is None or self.size <= self._start_bytes
         with suppress(OSError):
             self._sink.close()

@@ -1,4 +1,4 @@
-"""The configuration and the files that it names, as text that goes into each recording."""
+"""The configuration and the files that it names, as text for each recording."""
 
 import dataclasses
 from pathlib import Path

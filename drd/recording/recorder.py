@@ -1,4 +1,4 @@
-"""Takes what the daemon hands over without ever waiting, and writes it in a thread of its own."""
+"""Take data from the daemon without ever waiting, and write them in a separate thread."""
 
 import logging
 import secrets
@@ -27,17 +27,17 @@ log = logging.getLogger(__name__)
 # Some 20 s of a 1000 Hz gyro with its decoded samples, a minute and more of a slow one.
 QUEUE_ENTRIES: Final = 50_000
 DRAIN_S: Final = 0.1
-# The interpreter is given back after so many entries: encoding must not hold the event loop up.
+# The interpreter is released after this many entries: encoding must not hold up the event loop.
 SLICE_ENTRIES: Final = 8
 SLICE_PAUSE_S: Final = 0.0002
 RETRY_NS: Final = 5 * NS_PER_S
 BYTES_PER_MB: Final = 1_000_000
-# A file ends a little early, so that what is flushed at once and the index still fit.
+# A file ends a little early, so that the next flush and the index still fit.
 FULL_PART: Final = 0.9
 
 
 class _Entry(NamedTuple):
-    """Something to record: its number, when it was handed over (CLOCK_MONOTONIC), and what."""
+    """Something to record: its number, the time it was handed over (CLOCK_MONOTONIC), and its content."""
 
     number: int
     put_ns: int
@@ -46,7 +46,7 @@ class _Entry(NamedTuple):
 
 
 class HandedOver(Observer, ABC):
-    """Takes all that a run hands over, an entry of one kind each."""
+    """Receives all data that a run hands over, as one entry each."""
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's port."""
@@ -87,10 +87,10 @@ class HandedOver(Observer, ABC):
 
 
 class Recorder(HandedOver):
-    """Records one run, in one or more files. Trouble with the disk is told by `health`; nothing raises after `start`.
+    """Records one run, in one or more files. `health` reports trouble with the disk; nothing raises after `start`.
 
-    What is handed over must not be changed afterwards. The methods that hand over are called from one thread, the
-    event loop's, and take about a microsecond; where the writer is too far behind, what is new is lost and counted.
+    Data must not be changed after being handed over. The methods that take them are called from one thread, the
+    event loop's, and take about a microsecond; if the writer is too far behind, new data are lost and counted.
     The constructor reads the files in force and raises ConfigError.
     """
 
@@ -104,8 +104,8 @@ class Recorder(HandedOver):
         self._folder = in_state_directory(config.recording.folder)
         self._name = run_name(self._robot, self._started_wall_ns, self._run)
         self._queue: deque[_Entry] = deque()
-        self._number = self._overflowed = 0  # by the event loop only
-        self._written = self._unflushed = self._unwritten = self._last_number = 0  # by the thread only
+        self._number = self._overflowed = 0  # written by the event loop only
+        self._written = self._unflushed = self._unwritten = self._last_number = 0  # written by the thread only
         self._trouble: str | None = None
         self._file: RecordingFile | None = None
         self._part = 0
@@ -119,7 +119,7 @@ class Recorder(HandedOver):
         self._thread.start()
 
     def close(self, deadline_s: float) -> bool:
-        """Write what is waiting and end the file; False where the disk did not take it in time."""
+        """Write all waiting entries and end the file; False if the disk did not take them in time."""
         self._stopping.set()
         self._thread.join(deadline_s)
         return not self._thread.is_alive()
@@ -135,14 +135,14 @@ class Recorder(HandedOver):
 
     @property
     def trouble(self) -> str | None:
-        """Why the recording is not what it should be; None: all is well. A loss stays in it until the run's end."""
+        """What is wrong with the recording; None: nothing. A loss is reported until the run's end."""
         lost = self.lost
         texts = [self._trouble] if self._trouble else []
         return "; ".join(texts + ([f"{lost} entries lost"] if lost else [])) or None
 
     @property
     def lost(self) -> int:
-        """Entries that are in no file."""
+        """Number of entries that are in no file."""
         return self._overflowed + self._unwritten
 
     def health(self) -> dict[str, Any]:
@@ -167,7 +167,7 @@ class Recorder(HandedOver):
         self._turn(self._end)
 
     def _turn(self, action: Any) -> None:
-        """One action; what fails ends the file, and a new one is tried later."""
+        """Do one action; a failure ends the file, and a new one is tried later."""
         try:
             action()
         except Exception as error:
@@ -205,7 +205,7 @@ class Recorder(HandedOver):
         self._keep(time.monotonic_ns())
 
     def _write(self, entry: _Entry) -> bool:
-        """False where there is no file to write to for now."""
+        """Write an entry; False if there is no file to write to for now."""
         if self._file is None and not self._open(time.monotonic_ns()):
             return False
         assert self._file is not None
@@ -218,7 +218,7 @@ class Recorder(HandedOver):
         return True
 
     def _wall_ns(self, monotonic_ns: int) -> int:
-        """Wall-clock time that never steps: both clocks were read together at the start only."""
+        """Wall-clock time that never steps, since both clocks are read together only at the start."""
         return max(0, self._started_wall_ns + monotonic_ns - self._started_ns)
 
     def _open(self, now_ns: int) -> bool:
@@ -227,7 +227,7 @@ class Recorder(HandedOver):
             return False
         settings = self._settings
         self._folder.mkdir(parents=True, exist_ok=True)
-        # Two files at least, else making room would leave none but the newest.
+        # At least two files, else making room would leave only the newest.
         self._full_bytes = min(settings.max_file_mb, settings.max_total_mb / 2) * BYTES_PER_MB
         limit_bytes = round(settings.max_total_mb * BYTES_PER_MB - self._full_bytes)
         make_room(self._folder, self._robot, self._name, limit_bytes)
@@ -254,11 +254,11 @@ class Recorder(HandedOver):
         return {name: str(value) for name, value in values.items()}
 
     def _keep(self, now_ns: int) -> None:
-        """Flush, wait for the disk and change the file where it is time."""
+        """Flush, wait for the disk and change the file when due."""
         file, settings = self._file, self._settings
         if file is None:
             return
-        is_full = file.size + file.pending + CHUNK_BYTES > FULL_PART * self._full_bytes  # one is being filled
+        is_full = file.size + file.pending + CHUNK_BYTES > FULL_PART * self._full_bytes  # one chunk is being filled
         next_ns = now_ns + DRAIN_S * NS_PER_S
         is_due = next_ns - self._flushed_ns >= settings.flush_s * NS_PER_S
         sync_is_due = next_ns - self._synced_ns >= settings.fsync_s * NS_PER_S
@@ -273,7 +273,7 @@ class Recorder(HandedOver):
             self._end("continued")
 
     def _end(self, reason: str = "stopped") -> None:
-        """End the file in good order."""
+        """End the file properly."""
         if self._file is not None:
             self._file.flush()
             self._unflushed = 0

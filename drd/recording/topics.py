@@ -13,7 +13,7 @@ from drd.units import NS_PER_S
 
 RAW_FOG, RAW_CAN, RAW_EVENTS = "/raw/fog", "/raw/can", "/raw/events"
 POSE: Final = "/drd/pose"
-# The path is written whole each time, so that a viewer that jumps to any time finds all of it in one message.
+# The whole path is written each time, so that a viewer that jumps to any time finds all of it in one message.
 SCENE_PERIOD_NS: Final = 2 * NS_PER_S
 
 _NUMBER: Final = {"type": "number"}
@@ -47,7 +47,7 @@ _POSE = _object(
 _FINDING = _object(effect=_TEXT, text=_TEXT, probability=_NUMBER, since_ns=_WHOLE, named_ns=_WHOLE)
 _FRAME = _object(monotonic_ns=_WHOLE, can_id=_WHOLE, extended=_TRUTH, data=_BYTES)
 _SAMPLE = {"monotonic_ns": _WHOLE, "interval_s": _NUMBER}
-# Definitions of ROS 2's common_interfaces, without their comments, one after another as MCAP's registry has it.
+# Definitions from ROS 2's common_interfaces, without comments, concatenated as MCAP's registry specifies.
 _ODOMETRY: Final = """\
 std_msgs/Header header
 string child_frame_id
@@ -135,7 +135,7 @@ CHANNELS: Final = (
 
 
 class Message(NamedTuple):
-    """What goes into the file; `t_ns` is the data's own time on CLOCK_MONOTONIC."""
+    """A message for the file; `t_ns` is the data's own time on CLOCK_MONOTONIC."""
 
     topic: str
     t_ns: int
@@ -143,7 +143,7 @@ class Message(NamedTuple):
 
 
 class ForViewers:
-    """What viewers draw of each pose; the scene not more often than every `scene_period_ns`."""
+    """Makes the messages that viewers draw for each pose; the scene at most every `scene_period_ns`."""
 
     def __init__(self, frame_id: str, child_frame_id: str, scene_period_ns: int):
         self._pose = foxglove.PoseEncoder(frame_id, child_frame_id)
@@ -157,7 +157,7 @@ class ForViewers:
             Message("/tf", pose.t_ns, self._pose.transform(pose, wall_ns)),
         ]
         self._scene.add(pose)
-        # Backwards: another run of the daemon, whose clock may have begun anew.
+        # Time running backwards means another run of the daemon, whose clock may have restarted.
         if not 0 <= pose.t_ns - self._drawn_ns < self._period_ns:
             self._drawn_ns = pose.t_ns
             messages.append(Message("/scene", pose.t_ns, self._scene.encode(pose, wall_ns)))
@@ -167,7 +167,7 @@ class ForViewers:
 class Encoder:
     """Messages of each kind; the methods' names are the kinds. `output` gives the frames' names.
 
-    `viewers`: with the messages that only serve to be drawn.
+    `viewers`: also make the messages that are only for drawing.
     """
 
     def __init__(self, output: Output, viewers: bool):
