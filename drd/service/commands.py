@@ -1,4 +1,4 @@
-"""Commands to the pipeline from outside, checked first."""
+"""Check commands from outside and pass them to the pipeline."""
 
 import math
 import time
@@ -11,7 +11,7 @@ from drd.pipeline import LARGEST_COMMANDED, Pipeline
 
 
 class Commands:
-    """Handlers of the queries that change the state, by name; each raises Refused."""
+    """Handlers, by name, of the queries that change the state; each raises Refused."""
 
     def __init__(self, pipeline: Pipeline):
         self._pipeline = pipeline

@@ -92,7 +92,7 @@ class Daemon:
             await asyncio.wait(first, return_when=asyncio.FIRST_COMPLETED)
             stopping.cancel()
             if ended.done():
-                ended.result()  # only a bug of ours ends a task: let it be seen, and systemd start anew
+                ended.result()  # only a bug of ours ends a task: raise it, and let systemd restart
         finally:
             self._notifier.stopping()
             await self._tasks.cancel()
@@ -115,7 +115,7 @@ class Daemon:
         self._unreported.discard(source)
 
     async def _keep_time(self) -> None:
-        """At each tick notice silence and keep the state; feed the watchdog and publish the health when it is time."""
+        """At each tick detect silence and save the state; feed the watchdog and publish the health when due."""
         watchdog_s = self._notifier.watchdog_period_s or math.inf
         next_watchdog_s = next_health_s = 0.0
         while True:
@@ -148,10 +148,10 @@ class Daemon:
             if self._ready:
                 self._notifier.reloading()
             try:
-                # In a thread: poses go on meanwhile.
+                # In a thread, so that poses continue.
                 prepared = await asyncio.to_thread(prepare, self._loaded, self._base)
             except Exception as error:
-                # A bug of ours, too, is no reason to take the pose away.
+                # Not even a bug of ours may stop the pose.
                 text = str(error) if isinstance(error, ConfigError) else f"internal error: {error!r}"
                 self._reloads["refused"] += 1
                 self._reloads["error"] = text
@@ -162,7 +162,7 @@ class Daemon:
                 self._notifier.ready(self._status())
 
     async def _put_in_force(self, prepared: Prepared) -> None:
-        """Go on with the new configuration, from the same pose; open ports anew where their sections changed."""
+        """Continue with the new configuration from the same pose; reopen ports whose sections changed."""
         old, new = self._config, prepared.loaded.value
         reopen = (new.fog, new.encoders) != (old.fog, old.encoders)
         reopen |= prepared.pipeline.encoders.can_ids != self.pipeline.encoders.can_ids  # a DBC file that was edited
@@ -230,7 +230,7 @@ class Daemon:
         health["counters"] |= {**self._inputs.counters(), "zenoh": dict(self._link.counters)}
         health["counters"]["systemd"] = dict(self._notifier.counters)
         health["neighbours"] = self._link.neighbours()
-        # Of its own: a full disk is no reason to trust the pose less.
+        # Separate from the pose: a full disk is no reason to trust the pose less.
         health["recording"] = self._recorder.health() if self._recorder is not None else None
         health["state"] = self._state.health()
         health["reload"] = dict(self._reloads)
@@ -285,7 +285,7 @@ class Daemon:
 
 
 def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
-    """The recorder, not yet started; None where the configuration wants none. Raises ConfigError."""
+    """The recorder, not yet started; None if the configuration disables it. Raises ConfigError."""
     if not loaded.value.recording.enabled:
         return None
     from drd.recording.recorder import Recorder  # noqa: PLC0415  # MCAP is loaded only where it is used

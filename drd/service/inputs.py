@@ -1,4 +1,4 @@
-"""The robot's ports around a pipeline: received data go in, frames that the encoders' layout sends go out."""
+"""Connect the robot's ports to a pipeline: received data go in, frames sent by the encoders' layout go out."""
 
 import asyncio
 import time
@@ -13,9 +13,9 @@ from drd.samples import CanFrame
 
 
 class Inputs:
-    """The configured ports, opened when `work()` runs. `ports`: by the source that their reasons name.
+    """The configured ports, opened when `work()` runs. `ports`: by the source named in reasons.
 
-    `on_state(source, text)` is called after the pipeline knows of a port's trouble (None: it is open).
+    `on_state(source, text)` is called after the pipeline has learned of a port's trouble (None: it is open).
     """
 
     def __init__(self, config: Config, pipeline: Pipeline, on_state: Callable[[str, str | None], None]):
@@ -30,7 +30,7 @@ class Inputs:
             self.ports["fog.port"] = self._line
 
     def work(self) -> list[Coroutine[Any, Any, None]]:
-        """Coroutines that must run for as long as the inputs are used."""
+        """Coroutines that must run as long as the inputs are used."""
         work = [port.run() for port in self.ports.values()]
         if self._pipeline.encoders.cyclic is not None:
             work.append(self._send_cyclic(*self._pipeline.encoders.cyclic))
@@ -41,8 +41,8 @@ class Inputs:
         return {name: dict(port.counters) for name, port in self.ports.items()}
 
     def _on_frames(self, frames: Sequence[CanFrame]) -> None:
-        # After a stall of the host both have waited, and the filter does not wait for a gyro that the wheels' newest
-        # sample has left behind by more than estimation.reorder_s.
+        # After a stall of the host both have data waiting, and the filter does not wait for a gyro that is more than
+        # estimation.reorder_s behind the wheels' newest sample.
         if self._line is not None:
             self._line.read_waiting()
         self._pipeline.on_frames(frames)

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 log = logging.getLogger(__name__)
 
-# Counters of the health by part and name, and what their rise means.
+# Health counters by part and name, and what an increase means.
 TOLD: Final = {
     ("encoders.port", "queue_dropped"): "the bus delivers more frames than drd processes; the oldest are dropped",
     ("encoders.port", "kernel_dropped"): "the bus delivers more frames than drd reads; the kernel drops them",
@@ -17,13 +17,13 @@ TOLD: Final = {
 
 
 class Losses:
-    """Logs the first rise of the counters of the health that mean a loss."""
+    """Logs the first increase of each health counter that means a loss."""
 
     def __init__(self) -> None:
         self._told: set[tuple[str, str]] = set()
 
     def look(self, health: Mapping[str, Any]) -> None:
-        """Log each of TOLD when it has first risen, and never again."""
+        """Log each of TOLD at its first increase, and never again."""
         parts = {**health["counters"], "recording": health["recording"] or {}}
         for (part, name), text in TOLD.items():
             if (count := parts.get(part, {}).get(name, 0)) and (part, name) not in self._told:

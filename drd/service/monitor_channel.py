@@ -12,22 +12,22 @@ from drd.monitor.constants import Constants
 from drd.monitor.findings import Finding, NotObservable, Suspicion
 from drd.monitor.memory import Day, Memory
 
-# One record: its kind, the time, four numbers. Of a gyro sample: interval, rate, temperature, nothing; of a wheel
-# sample: interval, left, right, lost; of a pose that was set: x, y, sigma, nothing. GAP: samples were dropped before
-# the next one. CLOCK: the wall clock was set, to that time where the samples' clock is 0.
+# One record: kind, time, four numbers. For a gyro sample: interval, rate, temperature, nothing; for a wheel sample:
+# interval, left, right, lost; for a pose that was set: x, y, sigma, nothing. GAP: samples were dropped before the next
+# one. CLOCK: the wall clock was set; the time is that of the wall clock when the samples' clock is 0.
 RECORD: Final = struct.Struct("=Bq4d")
 GAP, GYRO, WHEELS, FIX, CLOCK = range(5)
-# A batch is one packet, which the socket takes whole or not at all. A tenth of a second of a 1000 Hz gyro.
+# A batch is one packet, which the socket takes entirely or not at all: a tenth of a second of a 1000 Hz gyro.
 BATCH_RECORDS: Final = 128
 LARGEST_PACKET_BYTES: Final = 1 << 16
-# Python's, for the process. -P: the folder that drd is started in is no place for modules.
+# Python's arguments for the process. -P: do not import modules from the working directory.
 ARGUMENTS: Final = ("-P", "-m", "drd.service.monitor_process")
 
 
 class Setup(Struct, frozen=True):
-    """The first packet, from which the monitor is built. `memory`: of earlier drives with the same `basis`.
+    """The first packet, from which the monitor is built. `memory`: from earlier drives with the same `basis`.
 
-    `wall_zero_ns`: the wall clock where the samples' clock is 0; `began_ns`: the samples' clock now.
+    `wall_zero_ns`: the wall clock when the samples' clock is 0; `began_ns`: the samples' clock now.
     """
 
     config: Config
@@ -39,10 +39,10 @@ class Setup(Struct, frozen=True):
 
 
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A report of the process: after each block of samples, and, if it can, why it ends (`error`).
+    """A report of the process: after each block of samples and, if possible, on why it ends (`error`).
 
     `day`: the constants of the drive so far, `known`: those that it began with,
-    `began_ns`: the time of its first sample. `wanted`: what the estimator may adopt, see Applying.
+    `began_ns`: the time of its first sample. `wanted`: constants that the estimator may adopt, see Applying.
     `notes`: requests that the system refused. `tread_wanders`: see Monitor.wanders.
     `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """

@@ -1,4 +1,4 @@
-"""The monitor's process seen from the daemon: records go out in batches, reports come in, and nothing blocks."""
+"""The daemon's handle on the monitor's process: records go out in batches, reports come in, and nothing blocks."""
 
 import contextlib
 import os
@@ -14,11 +14,11 @@ import msgspec
 from drd.service.monitor_channel import ARGUMENTS, BATCH_RECORDS, GAP, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
 
-# Samples that wait for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
+# Buffer for a slow monitor: some 10 s of samples, including the kernel's overhead per packet.
 BUFFER_BYTES: Final = 1 << 16
-# One that takes nothing for so long is given up: on a machine that starves it, it would be of no use either.
+# A monitor that takes nothing for so long is given up: on a machine that starves it, it would be useless anyway.
 HUNG_S: Final = 60.0
-# From when it has closed its end of the channel until it has ended.
+# Time from its closing the channel to its end.
 GRACE_S: Final = 0.5
 END_S: Final = 2.0
 
@@ -49,19 +49,19 @@ class Child:
                 raise
         self.began_ns = time.monotonic_ns()
         self._batch = bytearray((1 + BATCH_RECORDS) * RECORD.size)
-        self._count = 1  # the first record has room for a gap
-        self._gap_ns: int | None = None  # since when it takes nothing
+        self._count = 1  # the first record is reserved for a gap
+        self._gap_ns: int | None = None  # since when it has taken nothing
         self.dropped = 0
 
     def put(self, kind: int, sample: tuple[Any, ...], last: float = 0.0) -> None:
-        """Add a sample, or a pose, to the batch; a full one is handed over first."""
+        """Add a sample, or a pose, to the batch; a full batch is handed over first."""
         if self._count > BATCH_RECORDS:
             self.flush()
         RECORD.pack_into(self._batch, self._count * RECORD.size, kind, *sample[:4], last)
         self._count += 1
 
     def flush(self) -> None:
-        """Hand the batch over, or drop and count it where there is no room."""
+        """Hand the batch over, or drop and count it if there is no room."""
         count, self._count = self._count - 1, 1
         first = RECORD.size
         if self._gap_ns is not None:
@@ -74,7 +74,7 @@ class Child:
         except BlockingIOError:
             self.dropped += count
             self._gap_ns = self._gap_ns or time.monotonic_ns()
-        except OSError:  # it has ended, which is noticed soon
+        except OSError:  # it has ended, which will be noticed soon
             self.dropped += count
         else:
             self._gap_ns = None
@@ -100,13 +100,13 @@ class Child:
         return report
 
     def end(self, has_ended: bool = False) -> str:
-        """End the process at once and wait for the kernel; returns how it had already ended, in words.
+        """Kill the process and wait for the kernel; return how it had already ended, in words.
 
-        `has_ended`: it seems to have ended by itself.
+        `has_ended`: it seems to have ended on its own.
         """
         self.channel.close()
         code = self.child.poll()
-        if code is None and has_ended:  # it closes its end just before
+        if code is None and has_ended:  # it closes the channel just before it ends
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = self.child.wait(GRACE_S)
         self.child.kill()
@@ -118,6 +118,6 @@ class Child:
 
 
 def _environment() -> dict[str, str]:
-    """The daemon's environment without systemd's variables; modules are found where the daemon finds them."""
+    """The daemon's environment without systemd's variables; modules are found where the daemon found them."""
     found = {name: value for name, value in os.environ.items() if name not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
     return found | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OPENBLAS_NUM_THREADS": "1"}

@@ -24,12 +24,12 @@ from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import CLOCK, FIX, GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
 
-# Private memory, of which it has 60 MiB at the start and what Python and numpy take for a moment on top.
+# Limit of private memory; it uses 60 MiB at the start, and Python and numpy need more for short times.
 MEMORY_BYTES: Final = 192 << 20
 BYTES_PER_MB: Final = 1e6
 LAST_PRIORITY: Final = 19
-POLICY_FIELD: Final = 38  # of /proc/self/stat, behind the name; proc(5) has it as number 41
-# Marks a wheel sample as the first after unseen motion; how long that was does not matter to the monitor.
+POLICY_FIELD: Final = 38  # in /proc/self/stat, counted after the name; proc(5) has it as number 41
+# Marks a wheel sample as the first after unseen motion, whose length does not matter to the monitor.
 UNSEEN_S: Final = 1e-9
 
 
@@ -45,7 +45,7 @@ class Feed:
         self.samples = self.gaps = 0
 
     def take(self, packet: bytes) -> bool:
-        """Pass on the records of one packet. Raises whatever the monitor raises."""
+        """Pass on the records of one packet. Raises anything that the monitor raises."""
         before_s = self.monitor.now_s
         for kind, t_ns, a, b, c, d in RECORD.iter_unpack(packet):
             if kind == GAP:
@@ -62,7 +62,7 @@ class Feed:
                 self.monitor.gyro(GyroSample(t_ns, a, b, c))
             else:
                 self.samples += 1
-                # The monitor sees a gap of the gyro by the stamps; one of the wheels must be said.
+                # The monitor sees a gap of the gyro in the stamps; one of the wheels must be marked.
                 self.monitor.wheels(WheelSample(t_ns, a, b, c, max(d, UNSEEN_S) if self._is_new else d))
                 self._is_new = False
         return self.monitor.now_s != before_s
@@ -90,33 +90,33 @@ class Feed:
 
 
 def resident_bytes() -> int:
-    """Memory of this process; the peak that getrusage reports is that of the daemon, which started it."""
+    """Memory of this process; getrusage would report the peak of the daemon, which started it."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def step_back() -> list[str]:
-    """Take the lowest priority for processor and memory; returns the requests that the system refused.
+    """Take the lowest priority for processor and memory; return the requests that the system refused.
 
-    Raises PermissionError where it has the daemon's real-time priority and cannot give it up.
+    Raises PermissionError if it has the daemon's real-time priority and cannot give it up.
     """
     notes = []
-    # Read from a file: the sandbox lets no program ask for it.
+    # Read from a file, since the sandbox refuses the system call.
     policy = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[POLICY_FIELD])
     if policy & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     try:
-        os.setpriority(os.PRIO_PROCESS, 0, LAST_PRIORITY)  # os.nice asks for the old one, which the sandbox refuses
+        os.setpriority(os.PRIO_PROCESS, 0, LAST_PRIORITY)  # os.nice would query the old one, which the sandbox refuses
     except OSError as error:
         notes.append(f"low priority refused: {error.strerror}; SystemCallFilter=setpriority in a drop-in allows it")
     with contextlib.suppress(OSError, ValueError):  # ValueError: a lower limit is in force
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
-    with contextlib.suppress(OSError):  # before any other process of the machine
+    with contextlib.suppress(OSError):  # to be killed before any other process
         Path("/proc/self/oom_score_adj").write_text("1000")
     return notes
 
 
 def serve(channel: socket.socket) -> None:
-    """Take samples and send reports until the other end is closed. Raises whatever goes wrong."""
+    """Take samples and send reports until the other end is closed. Raises any error."""
     notes = step_back()
     feed = Feed(msgspec.json.decode(channel.recv(LARGEST_PACKET_BYTES), type=Setup))
     gc.freeze()
@@ -128,7 +128,7 @@ def serve(channel: socket.socket) -> None:
 
 def main() -> int:
     """Serve the daemon; exit code 0 after it has closed the channel, 1 after an error."""
-    # It ends when the daemon does, and not before: a terminal and systemd signal both at once.
+    # It must not end before the daemon does, but a terminal and systemd signal both at once.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     with socket.socket(fileno=os.dup(0)) as channel:

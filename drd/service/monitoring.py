@@ -27,18 +27,18 @@ log = logging.getLogger(__name__)
 PERIOD_S: Final = 0.1
 FIRST_PAUSE_S: Final = 1.0
 LONGEST_PAUSE_S: Final = 300.0
-# By so much the wall clock is set, not corrected: a robot without a clock of its own hears the time on the way.
+# A larger change means that the wall clock was set: a robot without a clock chip gets the time while it drives.
 SET_NS: Final = 60 * NS_PER_S
-# One that has run so long has earned the short pause again.
+# After a run of this length the pause before a restart is short again.
 GOOD_S: Final = 60.0
 
 
 class Monitoring(Observer):
     """Lets a monitor in a separate process observe the pipeline's samples.
 
-    Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
-    is started again, after pauses that double. `on_change` is called when the findings or suspicion are others,
-    `on_constants` with each report's `wanted`. `is_enabled`: whether the configuration asks for it.
+    Whatever happens to that process, the daemon goes on: samples that it does not take are dropped and counted, and it
+    is restarted, after pauses that double. `on_change` is called when findings or suspicion change, `on_constants` with
+    each report's `wanted`. `is_enabled`: whether the configuration asks for it.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Monitoring(Observer):
     # ---- the pipeline's observer -------------------------------------------------------------------------------
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """Note a pose that was set: distances count from it, and after a reset from none before."""
+        """Pass on a pose that was set: distances count from it, and after a reset from no earlier one."""
         if self._process is not None and name in ("set_pose", "reset"):
             pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
             self._process.put(FIX, (now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
@@ -87,7 +87,7 @@ class Monitoring(Observer):
             elif config.model.file is not None:
                 self._reason = "model.file is set: the monitor would report the model's effects"
             else:
-                # Only what it looks at: with another output period it need not begin anew.
+                # Only the sections that it uses: a new output period must not restart it.
                 parts = {name: getattr(config, name) for name in ("robot", "fog", "encoders", "estimation")}
                 setup = Setup(Config(**parts), calibration, digest_of(basis))
         self.is_enabled = config.monitor.enabled
@@ -98,7 +98,7 @@ class Monitoring(Observer):
     # ---- what it says ------------------------------------------------------------------------------------------
 
     def findings(self) -> dict[str, Any]:
-        """The published message: state, findings, suspicion, and the effects that gyro and wheels do not show."""
+        """The published message: state, findings, suspicion, and effects not observable from gyro and wheels."""
         report = self._report
         return {
             "state": self._state,
@@ -159,7 +159,7 @@ class Monitoring(Observer):
             except Ended as ended:
                 text, has_ended = str(ended), True
             except Exception as error:
-                # No bug of ours here is worth the pose.
+                # A bug of ours here must not stop the pose.
                 text = f"internal error: {error!r}"
             finally:
                 how = await self._end(process, has_ended) if process is not None else ""
@@ -176,12 +176,12 @@ class Monitoring(Observer):
     async def _serve(self, process: Child) -> None:
         """Exchange samples and reports until another set-up is wanted. Raises Ended."""
         self._process = process
-        while not self._changed.is_set():  # what is said of the old set-up does not hold in the new one
+        while not self._changed.is_set():  # reports on the old set-up do not hold for the new one
             self._exchange(process)
             await asyncio.sleep(PERIOD_S)
 
     async def _end(self, process: Child, has_ended: bool) -> str:
-        """End the process; returns how it had ended by itself."""
+        """End the process; return how it had ended on its own."""
         self._process = None
         self._dropped += process.dropped
         if (time.monotonic_ns() - process.began_ns) * S_PER_NS > GOOD_S:
@@ -189,7 +189,7 @@ class Monitoring(Observer):
         return await asyncio.to_thread(process.end, has_ended)
 
     def _exchange(self, process: Child) -> None:
-        """Hand samples over, and the wall clock where it was set, and take reports in."""
+        """Hand samples over, and the wall clock if it was set, and take reports."""
         if abs(_wall_zero_ns() - self._wall_zero_ns) > SET_NS:
             self._wall_zero_ns = _wall_zero_ns()
             process.put(CLOCK, (self._wall_zero_ns, 0.0, 0.0, 0.0))
@@ -205,7 +205,7 @@ class Monitoring(Observer):
         process.check()
 
     async def _pause(self, text: str) -> None:
-        """Wait before the next start, after the process has ended by itself."""
+        """Wait before the next start, after the process has ended on its own."""
         self._reason = text
         self.restarts += 1
         self._say(logging.WARNING, f"{text}; it will be restarted")
@@ -228,5 +228,5 @@ class Monitoring(Observer):
 
 
 def _wall_zero_ns() -> int:
-    """The wall clock where the samples' clock is 0."""
+    """The wall clock when the samples' clock is 0."""
     return time.time_ns() - time.monotonic_ns()

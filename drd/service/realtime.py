@@ -34,7 +34,7 @@ def apply(realtime: Realtime) -> list[str]:
 
 
 def _lock_memory() -> str:
-    """The reason why memory could not be locked; empty: it is locked."""
+    """Why memory could not be locked; empty: it is locked."""
     # Under a finite limit mlockall may succeed, and MCL_FUTURE then turns a later allocation into a MemoryError.
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY:
@@ -48,7 +48,7 @@ def _lock_memory() -> str:
 
 
 def _fifo(priority: int) -> str:
-    """The reason why the priority was refused; empty: it is in force, for this thread and none started by it later."""
+    """Why the priority was refused; empty: it is in force, for this thread but none that it starts later."""
     try:
         # Where the service manager has given SCHED_FIFO to all threads, the ports' workers keep it: one sends SYNC.
         for_later_threads = 0 if os.sched_getscheduler(0) == os.SCHED_FIFO else os.SCHED_RESET_ON_FORK

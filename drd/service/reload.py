@@ -28,7 +28,7 @@ class Prepared:
 def prepare(running: Loaded[Config], base: Path) -> Prepared:
     """Read the running configuration's file again, with all files that it names. Raises ConfigError; changes nothing.
 
-    Takes as long as a start does: not for the event loop.
+    Takes as long as a start, so do not call it in the event loop.
     """
     written = load_config(Path(running.file))
     try:
@@ -37,7 +37,7 @@ def prepare(running: Loaded[Config], base: Path) -> Prepared:
         pipeline = Pipeline(loaded.value, base, lambda *_: None)
         files = files_in_force(loaded, base)
     except ConfigError as error:
-        if error.path not in written.origins:  # of another file, which it names
+        if error.path not in written.origins:  # an error in another file, which it names
             raise
         raise ConfigError(written.place(error.path), error.path, error.expected, error.got) from error
     texts = {name: data.decode("utf-8", "replace") for name, data in files.items() if name != AS_WRITTEN}

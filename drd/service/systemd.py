@@ -1,4 +1,4 @@
-"""Notifications to systemd of a service of Type=notify (sd_notify(3)); none where there is no systemd."""
+"""Notifications of a Type=notify service to systemd (sd_notify(3)); none without systemd."""
 
 import os
 import socket
@@ -60,5 +60,5 @@ def _watchdog_period_s(environment: Mapping[str, str]) -> float | None:
 
 
 def _line(text: str) -> str:
-    """The text in one line: a line break would start another assignment."""
+    """The text as one line, since a line break would start another assignment."""
     return " ".join(text.splitlines())

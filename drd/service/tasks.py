@@ -1,4 +1,4 @@
-"""Coroutines that run for ever, started and stopped individually; the end of any of them is noticed."""
+"""Coroutines that run for ever, started and stopped individually; the end of any is noticed."""
 
 import asyncio
 from collections.abc import Coroutine, Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 
 class Tasks:
-    """Tasks of the running loop. `ended` is done once one has ended by itself, with its exception if any."""
+    """Tasks of the running loop. `ended` is done once one has ended on its own, with its exception if any."""
 
     def __init__(self) -> None:
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
