@@ -1,4 +1,4 @@
-"""The state of a running daemon: taken up at the start, and handed to its file at the right moments."""
+"""The state of a running daemon: restored at the start, and saved at the right moments."""
 
 import logging
 import os
@@ -16,18 +16,18 @@ from drd.units import NS_PER_S
 
 log = logging.getLogger(__name__)
 
-# A machine that was suspended for less has waited no longer than a busy one does.
+# A shorter suspension is no longer than the waits of a busy machine.
 LEAST_SLEEP_NS: Final = NS_PER_S
-# A moment of this very run, which no boot's id need tell.
+# In place of a boot id, for moments within this run.
 THIS_RUN: Final = "this run"
 
 
 class StateKeeper:
-    """Lets a pipeline go on from its robot's state, and has the state written from then on.
+    """Lets a pipeline continue from its robot's saved state, and saves the state from then on.
 
-    It is written each `state.period_s`, when the robot starts to move (so that a file that says "at rest" is true
-    however the daemon ends), and at the end. A machine that was suspended did not see its robot: CLOCK_MONOTONIC, which
-    all sensors are timed by, stood still, and only CLOCK_BOOTTIME tells. The pipeline then goes on as after a restart.
+    It is saved every `state.period_s`, when the robot starts to move (so that "at rest" in a file is true however the
+    daemon ends), and at the end. A suspended machine did not watch its robot: CLOCK_MONOTONIC, which times all sensors,
+    stood still, and only CLOCK_BOOTTIME shows it. The pipeline then continues as after a restart.
     """
 
     def __init__(self, config: Config, pipeline: Pipeline):
@@ -41,7 +41,7 @@ class StateKeeper:
         self._start: dict[str, Any] = {"kind": "cold", "off_s": None}
 
     def begin(self, now_ns: int) -> None:
-        """Read the state and let the pipeline go on from it. To be called before the first input."""
+        """Read the state and let the pipeline continue from it. Call before the first input."""
         if self._store is None:
             return
         try:
@@ -59,11 +59,11 @@ class StateKeeper:
         self._store.start()
 
     def put_in_force(self, config: Config) -> None:
-        """Go on with another configuration; the file stays."""
+        """Continue with another configuration; the file stays the same."""
         self._config = config
 
     def tick(self, now_ns: int) -> None:
-        """To be called often: has the state written where it is time, and notices that the machine was suspended."""
+        """Save the state when due, and detect that the machine was suspended. Call often."""
         before_ns, self._asleep_ns = self._asleep_ns, asleep_ns()
         slept_ns = self._asleep_ns - before_ns
         if slept_ns > LEAST_SLEEP_NS:
@@ -75,7 +75,7 @@ class StateKeeper:
             self._put(now_ns)
 
     def close(self, deadline_s: float) -> bool:
-        """Write the last state; False where the disk did not take it in time."""
+        """Write the last state; False if the disk did not take it in time."""
         if self._store is None:
             return True
         self._put(time.monotonic_ns())
@@ -87,7 +87,7 @@ class StateKeeper:
             return
         then, now = Moment(0, 0, THIS_RUN), Moment(0, slept_ns, THIS_RUN)
         saved = Saved(estimate, then, self._pipeline.basis, self._config.robot.name)
-        # `state.pose: origin` is for robots that are switched on at one place: this one was not switched off.
+        # `state.pose: origin` is for robots that are always switched on at one place; this one was not switched off.
         config = replace(self._config, state=replace(self._config.state, pose="continue"))
         restart = warm_restart(saved, now, config, self._pipeline, clock_chip=False)
         self._pipeline.resume(now_ns, restart.estimate, restart.bias_known)
@@ -106,7 +106,7 @@ class StateKeeper:
 
     @property
     def is_told(self) -> bool:
-        """Whether a state was there at the start, for better or worse."""
+        """Whether there was a state at the start, usable or not."""
         return self._start["kind"] == "warm" or (self._store is not None and self._store.counters["refused"] > 0)
 
     @property
@@ -115,12 +115,12 @@ class StateKeeper:
         return self._store.trouble if self._store is not None else None
 
     def health(self) -> dict[str, Any] | None:
-        """How the daemon started, and how the writing goes; None where no state is kept."""
+        """How the daemon started, and the state of saving; None where no state is kept."""
         if self._store is None:
             return None
         return {"start": self._start | {"text": self.start_text}, **self._store.health()}
 
 
 def asleep_ns() -> int:
-    """How long this boot has been suspended in all, ns: CLOCK_BOOTTIME counts that time, CLOCK_MONOTONIC does not."""
+    """Total suspended time of this boot, ns: CLOCK_BOOTTIME includes it, CLOCK_MONOTONIC does not."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)

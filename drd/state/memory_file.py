@@ -1,4 +1,4 @@
-"""The file of what the monitor knows of a robot: written and read to the bit, checked, and kept over restarts."""
+"""The file of the monitor's knowledge of a robot: written and read exactly, checked, and kept over restarts."""
 
 import dataclasses
 import hashlib
@@ -39,13 +39,13 @@ def decoded(data: bytes) -> Memory:
 
 
 def digest_of(basis: Basis) -> str:
-    """Digest of all that the constants are relative to: where readings mean something else, none of them applies."""
+    """Digest of all that the constants are relative to: with another meaning of the readings, none applies."""
     latencies = [basis.lag[f"{sensor}.latency_s"] for sensor in ("encoders", "fog")]
     return hashlib.sha256(repr((basis.wheels, basis.gyro, latencies)).encode()).hexdigest()
 
 
 def first_digest_of(config: Config, calibration: Calibration | None) -> str:
-    """The digest that the first files have, of sizes, calibration and latencies alone."""
+    """The digest used in the first files, of sizes, calibration and latencies only."""
     robot, encoders, fog = config.robot, config.encoders, config.fog
     parts = (
         robot.wheel_radius_m, robot.left_scale, robot.right_scale, robot.tread_m, encoders.counts_per_revolution,
@@ -55,7 +55,7 @@ def first_digest_of(config: Config, calibration: Calibration | None) -> str:
 
 
 class MemoryKeeper:
-    """Keeps a robot's memory in a file beside its state. A file that cannot be used is kept aside, and counted."""
+    """Keeps a robot's memory in a file beside its state. An unusable file is put aside, and counted."""
 
     def __init__(self, config: Config):
         file = state_file(config)
@@ -64,7 +64,7 @@ class MemoryKeeper:
         self._memory: Memory | None = None
 
     def begin(self) -> None:
-        """Read the file. To be called once, before anything else."""
+        """Read the file. Call once, before anything else."""
         if self._store is None:
             return
         try:
@@ -74,7 +74,7 @@ class MemoryKeeper:
         self._store.start()
 
     def memory(self, basis: str, first: str = "") -> Memory | None:
-        """Constants with which the next drive begins; None where nothing is kept. `first`: see first_digest_of."""
+        """Constants with which the next drive begins; None if nothing is kept. `first`: see first_digest_of."""
         if self._store is None:
             return None
         if self._memory is not None and self._memory.basis == first:
@@ -85,7 +85,7 @@ class MemoryKeeper:
         return self._before
 
     def put(self, day: Day) -> None:
-        """Remember the drive so far, in place of what was put of it before."""
+        """Remember the drive so far, replacing what was put of it before."""
         if self._store is None or self._before is None:
             return
         memory = remember(self._before, day)
@@ -94,7 +94,7 @@ class MemoryKeeper:
             self._store.put(memory)
 
     def close(self, deadline_s: float) -> bool:
-        """Write what waits; False where the disk did not take it in time."""
+        """Write what is waiting; False if the disk did not take it in time."""
         return self._store is None or self._store.close(deadline_s)
 
     def health(self) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""A warm restart: what a saved estimate is worth after a time in which nobody saw the robot."""
+"""Warm restart: inflate a saved estimate for the time in which the robot was not watched."""
 
 import dataclasses
 import math
@@ -20,16 +20,16 @@ from drd.state.saved import Moment, Saved
 from drd.units import DEG_PER_RAD, NS_PER_S, RAD_PER_DEG, S_PER_H, S_PER_NS
 
 CLOCK_CHIPS: Final = Path("/sys/class/rtc")
-# Two clocks that are read one after the other, and a wall clock that is slewed, agree within this.
+# Agreement of two clocks that are read one after the other, and of a wall clock that is slewed.
 CLOCKS_AGREE_NS: Final = 2 * NS_PER_S
-# Beyond this much unseen motion the position is "anywhere", and the squares of longer times overflow nothing.
+# Beyond this much unseen motion the position is "anywhere"; capped so that squares do not overflow.
 LONGEST_UNSEEN_S: Final = 1e5
-# A bias known to less than this part of what a cold start assumes need not be measured before the pose is used.
+# A bias with a sigma below this fraction of a cold start's need not be measured before the pose is used.
 KNOWN_PART: Final = 0.5
 
 
 class Restart(NamedTuple):
-    """How the daemon began: the estimate to go on from, whether its bias still holds, and a sentence for people."""
+    """How the daemon starts: the estimate to continue from, whether its bias still holds, and a sentence for people."""
 
     estimate: Estimate
     bias_known: bool
@@ -38,7 +38,7 @@ class Restart(NamedTuple):
 
 
 def has_clock_chip() -> bool:
-    """Whether the wall clock can have gone on while the machine was off."""
+    """Whether the wall clock can have kept running while the machine was off."""
     try:
         return any(CLOCK_CHIPS.iterdir())
     except OSError:
@@ -46,17 +46,17 @@ def has_clock_chip() -> bool:
 
 
 def time_off_s(then: Moment, now: Moment, clock_chip: bool) -> float | None:
-    """How long the robot was not watched; None where no clock can tell.
+    """How long the robot was not watched; None if no clock shows it.
 
-    Within a boot CLOCK_BOOTTIME counts, and steps of the wall clock do not matter. Over boots the wall clock is all
-    there is: it is believed unless it stood still while the machine was off, or shows less than the present boot has
-    lasted. A clock that was set ahead makes the time too long, which only widens more.
+    Within a boot CLOCK_BOOTTIME is used, and steps of the wall clock do not matter. Across boots only the wall clock
+    is available: it is believed unless it stood still while the machine was off, or shows less than the present boot
+    has lasted. A clock that was set ahead makes the time too long, which only inflates the covariance more.
     """
     same_boot = then.boot_id == now.boot_id if then.boot_id and now.boot_id else None
     ran_ns = now.boottime_ns - then.boottime_ns
     if same_boot and ran_ns >= 0:
         return ran_ns * S_PER_NS
-    # Of two boots that are not told apart, the present one may be the same: then it has lasted `ran_ns` since.
+    # Without boot ids the boot may be the same one, in which case it has lasted `ran_ns` since.
     least_ns = ran_ns if same_boot is None and ran_ns >= 0 else now.boottime_ns
     wall_ns = now.wall_ns - then.wall_ns
     if not clock_chip or wall_ns < least_ns - CLOCKS_AGREE_NS:
@@ -65,7 +65,7 @@ def time_off_s(then: Moment, now: Moment, clock_chip: bool) -> float | None:
 
 
 def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, clock_chip: bool) -> Restart:
-    """Widen the saved estimate for what may have happened since, and leave out what does not apply any more."""
+    """Inflate the saved estimate for what may have happened since, and drop what no longer applies."""
     estimator, settings = pipeline.estimator, config.state
     off_s = time_off_s(saved.moment, now, clock_chip)
     kf = Filter(config.robot.tread_m, estimator.sigmas, estimator.noise)
@@ -104,12 +104,12 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
 
 
 def _counts_from_start(effect: Effect) -> bool:
-    """Whether what it takes off the gyro is relative to the first samples: the old bias goes with the old start."""
+    """Whether its gyro correction is relative to the first samples, so that the old bias goes with the old start."""
     return effect.channel == "gyro" and ("time" in effect.covariate or "temperature" in effect.covariate)
 
 
 def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pipeline) -> None:  # (41)
-    """Add random walks over the time off, a gyro perhaps switched off, another load; at most a cold start's."""
+    """Add random walks over the time off, a gyro power cycle, another load; at most a cold start's variance."""
     s, k, settings = pipeline.estimator.sigmas, pipeline.estimator.noise, config.state
 
     def walked(variance_per_s: float) -> float:
@@ -128,7 +128,7 @@ def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pi
 
 
 def _widen_pose(kf: Filter, then: Estimate, unseen_s: float, position_m: float, heading_rad: float) -> None:  # (41)
-    """Widen the pose: the robot may have been pushed and, if not seen to stand, have driven on. (36)"""
+    """Inflate the pose: the robot may have been pushed and, if not at rest, have driven on. (36)"""
     kf.add_position_variance(position_m**2)
     kf.add_heading_variance(heading_rad**2, both=True)
     speed, rate = abs(then.speed_m_s), abs(then.rate_rad_s)

@@ -1,4 +1,4 @@
-"""The content of a state file: written and read to the bit, and checked."""
+"""The content of a state file: written and read exactly, and checked."""
 
 import dataclasses
 import json
@@ -24,7 +24,7 @@ BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 
 
 class Moment(NamedTuple):
-    """A time on CLOCK_REALTIME, and on CLOCK_BOOTTIME of the boot with that id ("": not known)."""
+    """A time on CLOCK_REALTIME, and on CLOCK_BOOTTIME of the boot with that id ("": unknown)."""
 
     wall_ns: int
     boottime_ns: int
@@ -37,7 +37,7 @@ def moment_now(boot_id: str) -> Moment:
 
 
 def this_boot(environment: Mapping[str, str]) -> str:
-    """The boot's id, "" where nobody tells. The unit hands it over, since its sandbox hides the kernel's file."""
+    """The boot's id, "" if unknown. The unit passes it on, since its sandbox hides the kernel's file."""
     boot_id = environment.get("DRD_BOOT_ID", "")
     if not boot_id:
         with suppress(OSError, ValueError):
@@ -48,7 +48,7 @@ def this_boot(environment: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True)
 class Saved:
-    """An estimate, when it was one, and what its learned values were learned with."""
+    """An estimate, its time, and the basis on which its values were learned."""
 
     estimate: Estimate
     moment: Moment
@@ -58,7 +58,7 @@ class Saved:
 
 @dataclass(frozen=True)
 class _File:
-    """The JSON below the head."""
+    """The JSON below the header."""
 
     robot: str
     wall_ns: Nanoseconds
@@ -69,7 +69,7 @@ class _File:
 
 
 def encoded(saved: Saved) -> bytes:
-    """The file's bytes. Raises ValueError where the estimate is one that `decoded` would refuse."""
+    """The file's bytes. Raises ValueError for an estimate that `decoded` would refuse."""
     plain = saved.estimate.plain()
     estimate_of(plain)
     head = {"robot": saved.robot, "drd": __version__, **saved.moment._asdict()}

@@ -1,4 +1,4 @@
-"""A file's content below a line with its kind, version and checksum: what was cut or changed is refused."""
+"""File content below a line with kind, version and checksum: a truncated or changed file is refused."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""The state's file: read at the start, replaced by a thread of its own, so that no disk holds the event loop up."""
+"""The state file: read at the start, replaced by a separate thread, so that no disk holds up the event loop."""
 
 import logging
 import os
@@ -19,14 +19,14 @@ from drd.units import NS_PER_S
 T = TypeVar("T")
 log = logging.getLogger(__name__)
 
-# Files that were refused and are kept; the oldest go first.
+# Number of refused files that are kept; the oldest are deleted first.
 KEPT_ASIDE: Final = 5
-# A disk that has not taken a state for so long is told.
+# A disk that has not taken a state for so long is reported.
 SLOW_NS: Final = 10 * NS_PER_S
 
 
 def state_file(config: Config) -> Path | None:
-    """Where a robot's state lies; None: it is not to be kept, or neither configuration nor systemd names a folder."""
+    """Path of a robot's state; None: it is not to be kept, or neither configuration nor systemd names a folder."""
     folder = config.state.folder
     if not config.state.enabled or (folder is None and not os.environ.get("STATE_DIRECTORY")):
         return None
@@ -36,9 +36,9 @@ def state_file(config: Config) -> Path | None:
 class Store(Generic[T]):
     """Keeps the newest state in `file`, as `encode` writes it and `decode` reads it, which may raise StateError.
 
-    Trouble is told by `health`; only `load` raises. One state waits at most: a newer one takes its place
-    (`superseded`). Each is written to a file beside, which then takes the name, and the disk is waited for before and
-    after: a power cut leaves the old state or the new one.
+    `health` reports trouble; only `load` raises. At most one state waits: a newer one replaces it (`superseded`). Each
+    is written to a second file, which is then renamed, and synced before and after: a power cut leaves the old state
+    or the new one.
     """
 
     def __init__(self, file: Path, encode: Callable[[T], bytes], decode: Callable[[bytes], T]):
@@ -54,7 +54,7 @@ class Store(Generic[T]):
         self._thread = threading.Thread(target=self._work, name="drd state", daemon=True)
 
     def load(self) -> T | None:
-        """The state that is there; None where there is none. A file that cannot be used is kept aside.
+        """The stored state; None if there is none. An unusable file is put aside.
 
         Raises StateError then, with the file and the reason.
         """
@@ -76,7 +76,7 @@ class Store(Generic[T]):
         self._thread.start()
 
     def put(self, saved: T) -> None:
-        """Have this state written; takes microseconds."""
+        """Queue this state for writing; takes microseconds."""
         with self._lock:
             self.counters["superseded"] += self._slot is not None
             self._slot = saved
@@ -84,7 +84,7 @@ class Store(Generic[T]):
         self._due.set()
 
     def close(self, deadline_s: float) -> bool:
-        """Write what is waiting and end; False where the disk did not take it in time."""
+        """Write what is waiting and end; False if the disk did not take it in time."""
         self._stopping = True
         self._due.set()
         self._thread.join(deadline_s)
@@ -103,7 +103,7 @@ class Store(Generic[T]):
         return {"file": str(self.file), "trouble": self.trouble, **self.counters}
 
     def _put_aside(self) -> str:
-        """Give the refused file another name, and say so. What cannot be moved is left, and never replaced."""
+        """Rename the refused file, and say so. One that cannot be moved is left, and never replaced."""
         self.counters["refused"] += 1
         pattern = re.compile(re.escape(self.file.name) + r"\.refused-(\d{1,9})")
         try:
@@ -151,7 +151,7 @@ class Store(Generic[T]):
 
 
 def replace_file(file: Path, data: bytes, mode: int | None = None) -> None:
-    """Write `file` anew, whole or not at all, and wait until the disk has it; `mode`: permissions. Raises OSError."""
+    """Replace `file` entirely or not at all, and wait for the disk; `mode`: permissions. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     beside = file.with_name(f".{file.name}.new")
     try:
