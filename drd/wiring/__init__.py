@@ -1,1 +1,1 @@
-"""Is the robot wired as the configuration says? Judged from samples; the running daemon does not load it."""
+"""Check from samples whether the robot is wired as configured; the running daemon does not load this."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from drd.arrays import Array
 
-# Ratios that rubber and ground can make of the configured tread, with room; and the largest one that is looked for.
+# Ratios to the configured tread that tyres and ground can cause, with margin; and the largest one that is searched.
 LEAST_RATIO: Final = 1.0 / 3.0
 PLAUSIBLE_RATIO: Final = 3.0
 LARGEST_RATIO: Final = 1000.0
@@ -17,15 +17,15 @@ UNEXPLAINED: Final = 0.1
 # A side that counts seven times the other has an asymmetry of 0.75.
 LARGEST_ASYMMETRY: Final = 0.75
 ASYMMETRY_PRIOR: Final = 0.3
-# With a larger sigma the asymmetry is not known; wheels may then differ by a tenth.
+# With a larger sigma the asymmetry is unknown; the wheels may then differ by a tenth.
 KNOWN: Final = 0.05
 UNKNOWN_ASYMMETRY: Final = 0.05
-# Share of the travel's square that does not go with the turn; turn over travel, squared, below which that is the same.
+# Least share of the travel's square that is independent of the turn; not needed if (turn/travel)^2 is below the second.
 INDEPENDENT: Final = 0.1
 ALMOST_STRAIGHT: Final = 0.01
-# The prior is weighed by the residual, which the asymmetry itself makes smaller.
+# The prior's weight depends on the residual, which the asymmetry itself reduces.
 PASSES: Final = 4
-# Neighbouring windows share slip and ground: so many are taken together for the uncertainty.
+# Neighbouring windows share slip and ground: so many form a block for the uncertainty.
 BLOCK: Final = 5
 
 
@@ -41,10 +41,10 @@ class Fit:
 
 
 def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit:
-    """Least squares with the gyro as regressor, since it is far more exact than the wheels.  # (43), (44)
+    """Least squares with the gyro as regressor, since it is far more accurate than the wheels.  # (43), (44)
 
     Angles, shape (n,) each: (right - left)/tread, (right + left)/tread and the gyro's. The ratio is held between
-    `low` and `high`. The asymmetry has a weak prior, for drives in which travel and turn go together.
+    `low` and `high`. The asymmetry has a weak prior, for drives in which travel and turn are correlated.
     """
     gg, gs, ss = float(gyro @ gyro) + 1e-12, float(gyro @ travel), float(travel @ travel) + 1e-12
     ratio, asymmetry = min(max(float(gyro @ turn) / gg, low), high), 0.0
@@ -57,10 +57,10 @@ def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit
         ratio = min(max(float(gyro @ (turn - asymmetry * travel)) / gg, low), high)
     residual = turn - ratio * gyro - asymmetry * travel
     sigmas = _sigmas(np.column_stack([gyro, travel]), residual)
-    # On one arc all the time, what the wheels' turn owes to turning and to distance differs by timing errors only.
+    # On a single arc, turning and distance affect the wheels' turn alike, apart from timing errors.
     if ss - gs**2 / gg < INDEPENDENT * ss and gg > ALMOST_STRAIGHT * ss:
         sigmas[1] = math.inf
-    if sigmas[1] > KNOWN:  # then the sides are taken for equal
+    if sigmas[1] > KNOWN:  # then the sides are assumed equal
         ratio, asymmetry = min(max(float(gyro @ turn) / gg, low), high), 0.0
         residual = turn - ratio * gyro
         sigmas[0] = math.hypot(_sigmas(gyro[:, None], residual)[0], UNKNOWN_ASYMMETRY * gs / gg)
@@ -68,12 +68,12 @@ def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit
 
 
 def _sigmas(regressors: Array, residual: Array) -> Array:
-    """Standard deviations, the larger of the textbook's and those from the scatter of blocks' scores."""
+    """Standard deviations: the larger of the ordinary and the block-robust (sandwich) estimate."""
     n, m = regressors.shape
     if n <= m:
         return np.full(m, math.inf)
     information = regressors.T @ regressors
-    # What no window moves has no information: its sigma becomes huge instead of infinite.
+    # A regressor without excitation has no information: its sigma becomes huge instead of infinite.
     inverse = np.linalg.inv(information + (1e-9 * np.trace(information) + 1e-30) * np.eye(m))
     plain = np.diag(inverse) * float(residual @ residual) / (n - m)
     scores = regressors * residual[:, None]
@@ -84,18 +84,18 @@ def _sigmas(regressors: Array, residual: Array) -> Array:
 
 
 def goes_with(turn: Array, gyro: Array) -> bool:
-    """Whether the wheels' turn is the gyro's, at any ratio."""
+    """Whether the wheels' turn is proportional to the gyro's, at any ratio."""
     free = float(gyro @ turn) / (float(gyro @ gyro) + 1e-12)
     residual = float(turn @ turn) - free**2 * float(gyro @ gyro)
     return float(np.abs(turn).sum()) > ENOUGH_RAD and residual < UNEXPLAINED * float(turn @ turn)
 
 
 def fit_senses(turn: Array, travel: Array, gyro: Array) -> dict[tuple[bool, bool], Fit]:
-    """Fits of the four ways in which the wheels may go with the gyro, by (one side inverted, opposite sense).
+    """Fits of the four ways in which wheels and gyro may be related, by (one side inverted, opposite sense).
 
-    With one side inverted, turn and travel change places. As configured the ratio may be large: counts are wrong. It
-    may be small, the gyro's unit being wrong, only where the wheels' turn goes with the gyro's and their travel does
-    not: a robot with an inverted side that goes almost straight looks alike.
+    With one side inverted, turn and travel change places. As configured, the ratio may be large (wrong counts). It may
+    be small (wrong unit of the gyro) only if the wheels' turn follows the gyro's and their travel does not: otherwise a
+    robot with an inverted side that drives almost straight looks the same.
     """
     inverted = {
         (True, False): fit(travel, turn, gyro, LEAST_RATIO, PLAUSIBLE_RATIO),

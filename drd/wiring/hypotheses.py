@@ -1,4 +1,4 @@
-"""All ways to wire a gyro and two encoders wrongly, and which of them agree with what was seen."""
+"""All ways to wire a gyro and two encoders wrongly, and which of them agree with the observed signs."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -36,9 +36,9 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Seen:
-    """Observed signs; None: not known.
+    """Observed signs; None: unknown.
 
-    `one_inverted`: the wheels' sum follows the turning instead of their difference. `opposite`: the gyro opposes it.
+    `one_inverted`: turning shows in the wheels' sum instead of their difference. `opposite`: the gyro opposes it.
     `gyro_turn`, `wheel_turn`, `wheel_travel`: sign of each while, as stated, the robot turned left or drove forward.
     """
 
@@ -60,7 +60,7 @@ class Seen:
 
 
 def explanations(seen: Seen, has_gyro: bool = True) -> list[Wiring]:
-    """The wirings with the fewest faults that agree with the signs; `Wiring()` alone where all is correct."""
+    """The wirings with the fewest faults that agree with the signs; only `Wiring()` if all is correct."""
     every = [Wiring(*flags) for flags in product((False, True), repeat=4)]
     fit = [wiring for wiring in every if seen.agrees(wiring) and (has_gyro or not wiring.gyro)]
     least = min((wiring.changes for wiring in fit), default=0)

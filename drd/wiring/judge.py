@@ -1,4 +1,4 @@
-"""Judgement of the wiring from the samples of both sensors: findings, each good, a fault or not determined."""
+"""Judge the wiring from the samples of both sensors: findings, each good, a fault or undetermined."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,20 +16,20 @@ from drd.wiring.hypotheses import Seen, Wiring, explanations
 from drd.wiring.signals import dead_sides, gyro_alive, held
 from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, travels, unseen_m, wheel_curve
 
-# Windows that turn by less say nothing about senses; all together must turn so far.
+# Windows that turn by less say nothing about signs; all together must turn by the second.
 WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG
 ENOUGH_TURN_RAD: Final = 45.0 * RAD_PER_DEG
 BLIND_TURN_RAD: Final = 180.0 * RAD_PER_DEG
 BLIND_SHARE: Final = 0.1
-# Another wiring's residual must be so much smaller (its square) than the configured one's, which slip may spoil.
+# Another wiring's squared residual must be smaller by this factor than the configured one's, which slip may spoil.
 CLEARLY: Final = 4.0
 SLACK_RAD: Final = 15.0 * RAD_PER_DEG
-# Below this share the wheels' turn has nothing to do with the gyro's.
+# Below this explained share the wheels' turn is unrelated to the gyro's.
 EXPLAINED: Final = 0.5
-# Net over gross motion from which on it has a sign.
+# Least ratio of net to gross motion at which it has a sign.
 NET: Final = 0.6
 ENOUGH_TREADS: Final = 2.0
-# Windows with motion; sigmas of fewer say little.
+# Least number of windows with motion; sigmas from fewer say little.
 ENOUGH_WINDOWS: Final = 5
 # One side's counts against the other's: equal within UNEQUAL, wrong beyond WRONG.
 UNEQUAL: Final = 1.1
@@ -39,7 +39,7 @@ WRONG: Final = 1.25
 SCRUB: Final = (1.0 / 1.9, 1.6)
 EVEN: Final = (0.9, 1.1)
 RATIO_SIGMA: Final = 0.1
-# estimation.reorder_s: beyond it the estimator goes on without the late sensor.
+# As estimation.reorder_s, beyond which the estimator continues without the late sensor.
 LATE_S: Final = 0.25
 
 
@@ -61,7 +61,7 @@ class Geometry:
 class _Turns:
     """Angles of the windows, shape (n,) each, rad: the wheels' turn and travel over the tread, and the gyro's turn.
 
-    `net_m`: travel of all samples, those in no window too; `unseen_m`: the most that it lacks.
+    `net_m`: travel of all samples, including those in no window; `unseen_m`: the most that it can lack.
     """
 
     turn: Array
@@ -73,12 +73,12 @@ class _Turns:
 
     @property
     def turned_rad(self) -> float:
-        """Turning that the gyro saw, to both sides together."""
+        """Total turning seen by the gyro, to both sides."""
         return total(self.gyro)
 
     @property
     def are_few(self) -> bool:
-        """Whether there are too few windows with motion for sizes to be judged."""
+        """Whether there are too few windows with motion to judge magnitudes."""
         moving = np.maximum(np.abs(self.turn), np.abs(self.travel)) > WINDOW_TURN_RAD
         return int(moving.sum()) < ENOUGH_WINDOWS
 
@@ -92,7 +92,7 @@ def total(angles: Array) -> float:
 def judge(
     gyro: Sequence[GyroSample], wheels: Sequence[WheelSample], robot: Geometry, said: Statement | None = None
 ) -> list[Finding]:
-    """All findings, in the order in which people look for them. Times must increase within each sensor's samples.
+    """All findings, in the order in which people look for them. Times must increase for each sensor.
 
     Equations (42) to (45). It takes about 0.1 s for an hour of samples.
     """
@@ -109,7 +109,7 @@ def judge(
     alive = [gyro_alive(gyro, windows, said, robot.tread_m)] if robot.has_gyro else []
     findings += [moving, *alive, *(held(side, wheels, robot.resolution_m) for side in Side)]
     if moving.outcome is not Outcome.GOOD or faults(alive):
-        return findings  # what does not move cannot be compared
+        return findings  # sensors that do not move cannot be compared
     return findings + _together(windows, turned, wheel, robot, said)
 
 
@@ -150,24 +150,24 @@ def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geomet
 
 
 def _gyro_is_small(turns: _Turns) -> bool:
-    """Whether the gyro shows the wheels' turn, and only that, many times too small: its unit is wrong."""
+    """Whether the gyro follows the wheels' turn, not their travel, though too small: its unit is wrong."""
     return goes_with(turns.turn, turns.gyro) and not goes_with(turns.travel, turns.gyro)
 
 
 def _way(fits: dict[tuple[bool, bool], Fit]) -> tuple[bool, bool]:
-    """The senses with the least residual, if clearly better than the configured ones; else those.  # (43)"""
+    """The signs with the least residual, if clearly better than the configured ones; else those.  # (43)"""
     best, configured = min(fits, key=lambda way: fits[way].cost), (False, False)
     return best if fits[configured].cost > CLEARLY * fits[best].cost + SLACK_RAD**2 else configured
 
 
 def _sign(motion: Array, stated: int) -> int | None:
-    """Sign of the net motion where the user has said what it is, 1 if as said; None if it went to and fro."""
+    """Sign of the net motion relative to the user's statement, 1 if as stated; None without one or if it varied."""
     net, gross = float(motion.sum()), float(np.abs(motion).sum())
     return None if not stated or abs(net) < NET * gross else (1 if net * stated > 0.0 else -1)
 
 
 def _with_drive(seen: Seen, turns: _Turns, said: Statement) -> Seen:
-    """Add the sign of forward travel, seen where the robot did not turn."""
+    """Add the sign of forward travel, if the robot drove far enough."""
     forward = turns.turn if seen.one_inverted else turns.travel
     if float(np.abs(forward).sum()) < 2.0 * ENOUGH_TREADS:
         return seen
@@ -175,13 +175,13 @@ def _with_drive(seen: Seen, turns: _Turns, said: Statement) -> Seen:
 
 
 def _stated(turns: _Turns, said: Statement) -> Seen:
-    """What the wheels alone show against what the user says."""
+    """Signs that the wheels alone show relative to the user's statement."""
     inverted: bool | None = None
     if not (said.drove and said.turned):
         turn, travel = (float(np.abs(x).sum()) for x in (turns.turn, turns.travel))
         if not (said.drove or said.turned) or max(turn, travel) <= ENOUGH_TREADS:
             return Seen()
-        # Who says one of the two may have done the other, too: the said one must be all but missing.
+        # A user who states one motion may have made the other, too: the stated one must be nearly absent.
         stated, other = (travel, turn) if said.drove else (turn, travel)
         inverted = True if stated < ENOUGH_TURN_RAD else False if stated > other else None
     turned = turns.travel if inverted else turns.turn
@@ -190,7 +190,7 @@ def _stated(turns: _Turns, said: Statement) -> Seen:
 
 
 def _directions(seen: Seen, said: Statement, evidence: str, robot: Geometry) -> Finding:
-    """Which sensor has which sign, and which side is which."""
+    """Judge the sensors' signs, and which side is which."""
     possible = explanations(seen, robot.has_gyro)
     if possible in ([], [Wiring()]):
         return words.directions_good(seen, said, evidence)
@@ -198,7 +198,7 @@ def _directions(seen: Seen, said: Statement, evidence: str, robot: Geometry) -> 
 
 
 def _hardly_turned(turns: _Turns, said: Statement) -> list[Finding]:
-    """Findings where the gyro saw little turning: the wheels must not show much either."""
+    """Findings when the gyro saw little turning: the wheels must not show much either."""
     ways = ((LEAST_RATIO, PLAUSIBLE_RATIO), (-PLAUSIBLE_RATIO, -LEAST_RATIO))
     straight = min((fit(turns.turn, turns.travel, turns.gyro, *way) for way in ways), key=lambda found: found.cost)
     claimed = turns.turn - straight.ratio * turns.gyro - straight.asymmetry * turns.travel
@@ -213,7 +213,7 @@ def _hardly_turned(turns: _Turns, said: Statement) -> list[Finding]:
 
 
 def _asymmetry(turns: _Turns, chosen: Fit) -> Finding:
-    """One side's counts against the other's.  # (44)"""
+    """Compare one side's counts with the other's.  # (44)"""
     k, sigma = chosen.asymmetry, chosen.asymmetry_sigma
     straight_m = float(np.abs(turns.travel).sum()) * turns.tread_m / 2.0
     if sigma > KNOWN or straight_m < ENOUGH_TREADS * turns.tread_m or turns.are_few:
@@ -226,7 +226,7 @@ def _asymmetry(turns: _Turns, chosen: Fit) -> Finding:
 
 
 def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
-    """The gyro's turn over the wheels': tread, or counts."""
+    """Judge the gyro's turn over the wheels': tread, or counts."""
     ratio = 1.0 / abs(chosen.ratio)
     sigma = chosen.ratio_sigma * ratio**2
     if sigma > RATIO_SIGMA * ratio or turns.are_few:
@@ -240,5 +240,5 @@ def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
 
 
 def _distance(turns: _Turns, said: Statement) -> Finding:
-    """The distance driven against the user's tape measure."""
+    """Compare the distance driven with the user's tape measure."""
     return words.distance(abs(turns.net_m), turns.unseen_m, said.distance_m)

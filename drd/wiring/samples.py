@@ -1,4 +1,4 @@
-"""The decoded samples of a pipeline, kept for the judgement."""
+"""The decoded samples of a pipeline, kept for judging the wiring."""
 
 from drd.config.keys import Robot
 from drd.pipeline import Observer, Pipeline

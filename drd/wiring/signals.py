@@ -1,4 +1,4 @@
-"""Each sensor by itself: a dead encoder, repeated values, a gyro whose reading never changes."""
+"""Checks of each sensor alone: a dead encoder, repeated values, a gyro whose reading never changes."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,21 +12,21 @@ from drd.units import DEG_PER_RAD
 from drd.wiring.findings import Finding, Statement, fault, good, unknown
 from drd.wiring.windows import Windows
 
-# A dead counter may catch a stray pulse: below this share of the other side's travel it stands still.
+# A dead counter may catch stray pulses: below this share of the other side's travel it counts as standing still.
 STILL_SHARE: Final = 0.01
 ENOUGH_M: Final = 0.5
 ENOUGH_TREADS: Final = 2.0
 TURNED_DEG: Final = 45.0
-# A wheel that stands while the other runs is the centre of the circle: so much of the motion must then be turning, and
-# the gyro must see so much of it. Turning on the spot with a dead counter would show twice the turn.
+# A wheel that stands while the other turns is the centre of the circle: at least this share of the motion must then be
+# turning, in this ratio to the gyro. Turning on the spot with a dead counter would give twice the turn.
 PIVOT_EXPLAINED: Final = 0.9
 PIVOT_RATIO: Final = (0.7, 2.0)
 SAMPLES: Final = 20
-# Counts of one sample from which on a step of zero is no slow motion.
+# Counts per sample above which a step of zero is not slow motion.
 FAST_COUNTS: Final = 5.0
 HELD_SHARE: Final = 0.3
 LONGEST_HELD: Final = 10
-# Windows of the wheels' turn that differ so much cannot have one rate; a rate below the other is no turning.
+# Windows of the wheels' turn that differ by so much cannot have one rate; a rate below the second is no turning.
 CHANGE_DEG: Final = 20.0
 STILL_DEG_S: Final = 1.0
 
@@ -34,9 +34,9 @@ STILL_DEG_S: Final = 1.0
 def dead_sides(
     travels_m: Array, windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool
 ) -> Finding:
-    """Whether both counters count; tells a dead one from a parked robot and from a turn about the stationary wheel.
+    """Whether both counters count; distinguish a dead one from a parked robot and a turn about the stationary wheel.
 
-    `travels_m`: of both wheels, (k, 2), regardless of the gyro; `windows`: motion that both sensors have seen.
+    `travels_m`: of both wheels, (k, 2), regardless of the gyro; `windows`: motion seen by both sensors.
     """
     sides = {side: travels_m[:, side.value] for side in Side}
     distance_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
@@ -86,7 +86,7 @@ def held(side: Side, samples: Sequence[WheelSample], resolution_m: float) -> Fin
     steps = np.abs(np.array([sample[column] for sample in samples]))
     moved = np.flatnonzero(steps > 0.01 * resolution_m)
     before, after, pause = steps[moved[:-1]], steps[moved[1:]], np.diff(moved) - 1
-    # Around a held value the steps are alike and large; before and after a stop they are small.
+    # Around a held value the steps are similar and large; before and after a stop they are small.
     least, most = np.minimum(before, after), np.maximum(before, after)
     fast = (least >= FAST_COUNTS * resolution_m) & (least >= 0.5 * most) & (pause <= LONGEST_HELD)
     if fast.sum() < SAMPLES:
@@ -111,7 +111,7 @@ def gyro_alive(samples: Sequence[GyroSample], windows: Windows, said: Statement,
         return good("gyro", f"rates from {low:+.3g} to {high:+.3g} deg/s")
     text = f"all {len(rates)} samples are {low:.4g} deg/s"
     turns_deg = (windows.right_m - windows.left_m) / tread_m * DEG_PER_RAD
-    # A robot on a steady circle, with a gyro that has little noise, does not show it.
+    # With a low-noise gyro, a steady circle looks the same, so the turn must vary.
     if float(np.ptp(turns_deg)) > CHANGE_DEG or (said.turned and abs(low) < STILL_DEG_S):
         remedy = "The gyro is dead, or fog.protocol or fog.axis is wrong."
         wheels_deg = float(np.abs(turns_deg).sum())

@@ -1,4 +1,4 @@
-"""Both sensors' motion on common time windows, and the delay of one behind the other."""
+"""Both sensors' motion in common time windows, and the delay between the sensors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,30 +12,30 @@ from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_DEG, S_PER_NS
 
 WINDOW_S: Final = 2.0
-# Time missing between two samples, in parts of an interval, that is a hole: stamps jitter.
+# Missing time between two samples, in intervals, above which it is a hole: stamps jitter.
 HOLE: Final = 0.5
-# Over shorter holes the motion is as it was just before and after; the robot's speed hardly changes in them.
+# Over shorter holes the motion is interpolated, since the robot's speed hardly changes in them.
 BRIDGED_S: Final = 0.25
-# The largest bias that a standstill may show; what is more is no bias of a gyro, but a robot that turns.
+# The largest bias that a standstill may show; more is not a gyro's bias, but a robot that turns.
 MAX_BIAS_RAD_S: Final = 1.0 * RAD_PER_DEG
-# Rates for the comparison in time are means over RATE_S, each GRID_S.
+# Rates for finding the lag are means over RATE_S, every GRID_S.
 GRID_S: Final = 0.1
 RATE_S: Final = 0.2
 LARGEST_LAG_S: Final = 1.0
-# A turn's beginning and end must show in the rates for the lag to be seen.
+# The lag is observable only if starts and ends of turns show in the rates.
 LAG_CORRELATION: Final = 0.7
 LAG_WINDOWS: Final = 5
 LAG_SIGMA_S: Final = 0.05
-# Shifts that are so many of the grid's off must fit so much worse, by the likelihood's ratio.
+# Shifts more than this many grid steps away must fit worse by this likelihood ratio.
 ELSEWHERE: Final = 2
 ELSEWHERE_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Motion summed up over time: knots, shape (n,), sums of m quantities, (n, m), and holes before each knot, (n,).
+    """Cumulative motion: knots, shape (n,), sums of m quantities, (n, m), and holes before each knot, (n,).
 
-    `unseen_s`: time before each knot, (n,), in holes of more than BRIDGED_S, of which the sums have nothing.
+    `unseen_s`: time before each knot, (n,), in holes of more than BRIDGED_S, which the sums do not include.
     """
 
     time_s: Array
@@ -84,11 +84,11 @@ def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
     end_s = (np.array(t_ns, dtype=np.int64) - zero_ns) * S_PER_NS
     begin_s = end_s - span_s
     apart_s = np.append(0.0, begin_s[1:] - end_s[:-1])
-    # Samples before which nothing was seen; of the first one nothing is missing.
+    # Samples that follow a hole; the first sample counts, but nothing is missing before it.
     first = np.append(0, np.flatnonzero(apart_s > HOLE * span_s))
     hole_s = apart_s[first]
     short_s = np.where(hole_s <= BRIDGED_S, hole_s, 0.0)
-    # Frames that were delivered in a bunch have a whole period's travel each, in no time.
+    # Frames delivered in a bunch each contain a whole period's travel, in no time.
     around_s = np.maximum(span_s[first - 1] + span_s[first], 2.0 * np.median(span_s))
     bridged = (steps[first - 1] + steps[first]) * (short_s / around_s)[:, None]
     none = np.zeros(len(end_s))
@@ -101,22 +101,22 @@ def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
 
 
 def travels(wheels: Curve) -> Array:
-    """Travel of both wheels, (k, 2), in windows of WINDOW_S or a little more, as far as it was seen."""
+    """Travel of both wheels, (k, 2), in windows of WINDOW_S or a little more, excluding holes."""
     begin_s, end_s = wheels.time_s[[0, -1]]
     count = max(1, int((end_s - begin_s) / WINDOW_S))
     return wheels.between(np.linspace(begin_s, end_s, count + 1))[0]
 
 
 def unseen_m(wheels: Curve) -> float:
-    """The most that the robot may have driven unseen: as fast as ever in that time."""
+    """The most that the robot may have driven unseen: at its highest speed for all that time."""
     grid_s = np.arange(wheels.time_s[0], wheels.time_s[-1], RATE_S)
     moved_m, _ = wheels.between(grid_s)
     return float(wheels.unseen_s[-1] * np.abs(moved_m.mean(axis=1)).max(initial=0.0) / RATE_S)
 
 
 def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: float = 0.0) -> Windows:
-    """Cut the time that both have seen into windows of WINDOW_S or a little more, all of one length, so that nothing is
-    left over at the end; the gyro's times are taken `lag_s` earlier.  # (42)
+    """Divide the common time into equal windows of WINDOW_S or a little more, so that nothing is left over; the gyro's
+    times are taken `lag_s` earlier.  # (42)
 
     The bias is the median rate where neither wheel moved by more than `still_m`. Without a gyro its angles are 0.
     """
@@ -142,9 +142,9 @@ def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: flo
 
 
 def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
-    """The gyro's lag behind `left` times left plus `right` times right travel; None where it cannot be seen.  # (45)
+    """The gyro's lag behind `left` times left plus `right` times right travel; None if it is not observable.  # (45)
 
-    The shift with the largest correlation of the two rates, between shifts by a parabola.
+    The shift with the largest correlation of the two rates, refined by a parabola.
     """
     begin_s = max(gyro.time_s[0], wheels.time_s[0]) + LARGEST_LAG_S
     end_s = min(gyro.time_s[-1], wheels.time_s[-1]) - LARGEST_LAG_S - RATE_S
@@ -163,7 +163,7 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     shifts_s = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + GRID_S / 2.0, GRID_S)
     wheel_rate = rate(wheels, wheels.sums @ np.array([left, right]), 0.0)
     rates = np.array([rate(gyro, gyro.sums[:, 0], float(shift_s)) for shift_s in shifts_s])
-    # Before the holes are left out: a turn that begins in one is no slope.
+    # Computed before holes are removed: a turn that begins in one must not count as slope.
     slope = np.gradient(wheel_rate, GRID_S)[seen]
     wheel_rate, rates = wheel_rate[seen], rates[:, seen]
     if wheel_rate.size < 2 or min(np.ptp(wheel_rate), np.ptp(rates, axis=1).min()) == 0.0:
@@ -172,9 +172,9 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     k = int(correlation.argmax())
     if k in (0, len(correlation) - 1) or correlation[k] < LAG_CORRELATION:
         return None
-    # Unequal wheels and slip last for seconds: only windows count as independent.
+    # Errors from unequal wheels and slip last for seconds: only windows count as independent.
     count = wheel_rate.size * GRID_S / WINDOW_S
-    # Where a turn's begin is in a hole, many shifts fit alike.
+    # If a turn begins in a hole, many shifts fit equally well.
     unfit = count * np.log((1.0 - correlation**2 + 1e-12) / (1.0 - correlation[k] ** 2 + 1e-12))
     if (unfit[np.abs(np.arange(len(unfit)) - k) > ELSEWHERE] < ELSEWHERE_SIGMAS**2).any():
         return None

@@ -1,4 +1,4 @@
-"""Findings about gyro and wheels together, as sentences with figures."""
+"""Findings about gyro and wheels together, as sentences with numbers."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -90,7 +90,7 @@ def directions_fault(possible: list[Wiring], seen: Seen, said: Statement, eviden
 
 
 def _missing(seen: Seen, said: Statement) -> list[str]:
-    """Statements that the user has not made yet, or that the drive does not support."""
+    """Statements that the user has not yet made, or that the drive does not support."""
     missing = []
     if seen.wheel_travel is None:
         missing.append("drive straight one way only, the robot went back and forth" if said.drove else STRAIGHT)
@@ -121,7 +121,7 @@ def turn_more(turned_rad: float) -> str:
 
 
 def claims_to_turn(wheels_rad: float, gyro_rad: float, possible: list[Wiring], said: Statement) -> Finding:
-    """Fault where the wheels report pure turning and the gyro none."""
+    """Fault if the wheels report pure turning and the gyro none."""
     text = f"the wheels turned {wheels_rad * DEG_PER_RAD:.0f} deg, the gyro {gyro_rad * DEG_PER_RAD:.0f} deg"
     sides = " or ".join(f"{wiring.words()} ({_action(wiring)})" for wiring in possible)
     if said.drove:
@@ -131,14 +131,14 @@ def claims_to_turn(wheels_rad: float, gyro_rad: float, possible: list[Wiring], s
 
 
 def blind(wheels_rad: float, gyro_rad: float, said: Statement) -> Finding:
-    """Fault where the wheels turn and travel, and the gyro does not measure the turn."""
+    """Fault if the wheels turn and travel, and the gyro does not measure the turn."""
     text = f"the wheels turned {wheels_rad * DEG_PER_RAD:.0f} deg, the gyro {gyro_rad * DEG_PER_RAD:.0f} deg"
     remedy = "The gyro does not measure the turn: is it dead, is fog.axis the vertical one, is fog.protocol correct?"
     return fault("directions", text, remedy if said.turned else f"{remedy} Or the wheels spin without ground contact.")
 
 
 def unrelated(gyro_rad: float, wheels_rad: float, share: float) -> Finding:
-    """Finding where neither difference nor sum of the wheels correlates with the gyro."""
+    """Finding if neither difference nor sum of the wheels correlates with the gyro."""
     text = (
         f"the gyro turned {gyro_rad * DEG_PER_RAD:.0f} deg, the wheels {wheels_rad * DEG_PER_RAD:.0f} deg, but only "
         f"{100.0 * max(share, 0.0):.0f} % of the wheels' turning is explained by the gyro's"
