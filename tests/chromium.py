@@ -1,4 +1,4 @@
-"""The system's Chromium without a window, driven through its DevTools protocol."""
+"""The system's Chromium, headless, driven through its DevTools protocol."""
 
 import asyncio
 import base64
@@ -29,7 +29,7 @@ SWITCHES = (
 
 
 class Tab:
-    """One page; commands by their names in the protocol."""
+    """One page; commands have their names in the protocol."""
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse):
         self._socket = socket
@@ -37,7 +37,7 @@ class Tab:
         self.complaints: list[str] = []  # exceptions and errors on the page's console
 
     async def command(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send it and wait for its result."""
+        """Send a command and wait for its result."""
         self._number += 1
         await self._socket.send_json({"id": self._number, "method": method, "params": parameters})
         while True:
@@ -56,7 +56,7 @@ class Tab:
             self.complaints.append(about["entry"]["text"])
 
     async def open(self, url: str) -> None:
-        """Go there, and wait until it is loaded."""
+        """Open an address, and wait until it is loaded."""
         await self.command("Runtime.enable")
         await self.command("Log.enable")
         await self.command("Page.enable")
@@ -64,13 +64,13 @@ class Tab:
         await self.until("location.protocol != 'about:' && document.readyState == 'complete'")
 
     async def value(self, expression: str) -> Any:
-        """What JavaScript makes of it; a promise is waited for."""
+        """Value of a JavaScript expression; a promise is awaited."""
         result = await self.command("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in result, result["exceptionDetails"]
         return result["result"].get("value")
 
     async def until(self, expression: str) -> None:
-        """Wait until it is true."""
+        """Wait until an expression is true."""
         deadline = asyncio.get_running_loop().time() + PATIENCE_S
         while not await self.value(f"Boolean({expression})"):
             if asyncio.get_running_loop().time() > deadline:
@@ -85,21 +85,21 @@ class Tab:
     async def look(
         self, width: int, height: int, scheme: str = "light", ratio: float = 1.0, phone: bool = False
     ) -> None:
-        """The window's size in CSS pixels, and whether the system is light or dark."""
+        """Set the window's size in CSS pixels, and whether the system is light or dark."""
         size = {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": phone}
         await self.command("Emulation.setDeviceMetricsOverride", **size)
         feature = {"name": "prefers-color-scheme", "value": scheme}
         await self.command("Emulation.setEmulatedMedia", features=[feature])
 
     async def picture(self, file: Path, whole: bool = False) -> None:
-        """Save what is seen as PNG; `whole`: with what is below the window's edge."""
+        """Save a screenshot as PNG; `whole`: including the part below the window's edge."""
         answer = await self.command("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         file.write_bytes(base64.b64decode(answer["data"]))
 
 
 @contextlib.asynccontextmanager
 async def chromium() -> AsyncIterator[Tab]:
-    """A browser of its own with an empty page."""
+    """A separate browser with an empty page."""
     assert PROGRAM is not None
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         line = [PROGRAM, *SWITCHES, f"--user-data-dir={profile}", "about:blank"]

@@ -1,4 +1,4 @@
-"""The running daemon and its hardware, for tests that need the real thing."""
+"""Fixtures: the running daemon and its emulated hardware."""
 
 import asyncio
 import signal
@@ -12,11 +12,11 @@ from hypothesis import settings
 
 from drd.service.daemon import Daemon
 
-# A busy machine may take half a second for what takes a millisecond: how long a test takes is no failure of it.
+# A busy machine may take half a second instead of a millisecond: a slow test is not a failed one.
 settings.register_profile("drd", deadline=None)
 settings.load_profile("drd")
 
-# A shell that starts the tests in the background may have SIGINT ignored, and what they start would inherit that.
+# A shell that runs the tests in the background may ignore SIGINT, and processes started by them would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -32,7 +32,7 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 
 @pytest.fixture
 def running(robot: Robot) -> Iterator[Robot]:
-    """The robot drives and its daemon runs in this process, in a thread with a loop of its own."""
+    """A driving robot whose daemon runs in this process, in a thread with its own event loop."""
     loop = asyncio.new_event_loop()
     stop = asyncio.Event()
     closed: list[bool] = []

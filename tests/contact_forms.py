@@ -22,10 +22,10 @@ from drd_tools.recordings.folder import Recording, read_recording
 
 STEP_S: Final = 0.05
 BLOCK: Final = 20  # steps of an increment of 1 s
-FREEDOM: Final = 4.0  # of Student's t: jumps of a lidar's poses are in it
+FREEDOM: Final = 4.0  # of Student's t, since a lidar's poses jump
 ROUNDS: Final = 30
 SMOOTH: Final = 4  # steps on either side of a covariate
-STANDING_M: Final = 0.1  # of way: so long the reference tells how the drive begins
+STANDING_M: Final = 0.1  # of travel, over which the reference gives the start of the drive
 DELAYS_S: Final = np.arange(-0.12, 0.301, 0.02)
 LAGS_S: Final = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25)
 CHANNELS: Final = ("turn", "way", "side", "gyro")
@@ -57,23 +57,23 @@ class Drive:
 
     @property
     def true_turn_rad(self) -> Array:
-        """What the wheels' turn is compared with."""
+        """The turn with which the wheels' turn is compared."""
         return self.turn_rad if self.gyro_rad is None else self.gyro_rad
 
     def targets(self) -> tuple[Array, ...]:
-        """Of each channel; the gyro's: of the reference less the gyro."""
+        """Target of each channel; the gyro's is reference minus gyro."""
         known = (self.true_turn_rad, self.distance_m, self.side_m)
         return known if self.gyro_rad is None else (*known, self.turn_rad - self.gyro_rad)
 
     def base(self, channel: int) -> list[Array]:
-        """Columns of the robot's constants, radii and tread, lever arm, and of the forms `beside`."""
+        """Columns of the robot's constants (radii, tread, lever arm) and of the forms `beside`."""
         turn = self.w * STEP_S
         wheels = [-self.left_m / self.tread_m, self.right_m / self.tread_m]
         constants = [wheels, [0.5 * (self.left_m + self.right_m), turn], [turn], []][channel]
         return constants + [c for of_channel, columns in self.beside if of_channel == channel for c in columns(self)]
 
     def own(self, channel: int) -> list[Array]:
-        """Columns of the drive's own: the gyro's bias, how the reference's heading is mounted."""
+        """Columns of the drive's own parameters: gyro bias, heading offset of the reference."""
         still = np.full_like(self.left_m, STEP_S)
         return [[] if self.gyro_rad is None else [still], [], [self.distance_m], [still]][channel]
 
@@ -82,7 +82,7 @@ Form = tuple[int, Callable[[Drive], list[Array]]]
 
 
 def of(channel: str, rates: Callable[[Drive], Array | list[Array]]) -> Form:
-    """A form: columns of what changes at these rates."""
+    """Make a form: columns of quantities that change at these rates."""
 
     def columns(d: Drive) -> list[Array]:
         found = rates(d)
@@ -129,12 +129,12 @@ def smoothed(values: Array, half: int = SMOOTH) -> Array:
 
 
 def columns(values: Sequence[Array], rows: int) -> Array:
-    """Of increments, (rows, k)."""
+    """Columns of increments, (rows, k)."""
     return np.column_stack([np.zeros((rows, 0)), *map(blocks, values)])
 
 
 def read_drive(recording: Recording, wheels_late_s: float) -> Drive:
-    """Put all on one grid. The reference's lag against the gyro is the drive's own."""
+    """Resample all on one grid. The reference's lag behind the gyro is the drive's own."""
     late = reference_lag(recording) if recording.fog is not None else None
     reference, log, nominal = recording.reference, recording.encoders, recording.nominal
     assert reference is not None
@@ -161,7 +161,7 @@ def read_drive(recording: Recording, wheels_late_s: float) -> Drive:
 
 
 def student(X: Array, y: Array) -> tuple[Array, float]:
-    """Coefficients (k,) and scale, of Student's t."""
+    """Fit with Student's t errors: coefficients (k,) and scale."""
     x, scale = np.linalg.lstsq(X, y, rcond=None)[0], 1.0
     for k in range(ROUNDS):
         e = y - X @ x
@@ -173,12 +173,12 @@ def student(X: Array, y: Array) -> tuple[Array, float]:
 
 
 def log_likelihood(e: Array, scale: float) -> float:
-    """Of residuals (n,), up to a constant."""
+    """Log likelihood of residuals (n,), up to a constant."""
     return float(-(0.5 * (FREEDOM + 1.0) * np.log1p((e / scale) ** 2 / FREEDOM) + math.log(scale)).sum())
 
 
 def fitted(drives: Sequence[Drive], channel: int, form: Form | None) -> Array:
-    """The robot's coefficients in a channel; the drives' own are fitted beside them."""
+    """The robot's coefficients in a channel, fitted jointly with the drives' own."""
     parts, targets = [], []
     counts = [len(d.own(channel)) for d in drives]
     for k, d in enumerate(drives):
@@ -196,7 +196,7 @@ def _shared(d: Drive, channel: int, form: Form | None) -> list[Array]:
 
 
 def predicted(d: Drive, channel: int, form: Form | None, x: Array) -> float:
-    """Log likelihood of a drive with the robot's coefficients of others."""
+    """Log likelihood of a drive with the robot's coefficients from other drives."""
     y = blocks(d.targets()[channel])
     own = columns(d.own(channel), len(y))
     scale = student(columns([*d.base(channel), *d.own(channel)], len(y)), y)[1]
@@ -205,7 +205,7 @@ def predicted(d: Drive, channel: int, form: Form | None, x: Array) -> float:
 
 
 def position_rms(d: Drive, form: Form | None, x: Sequence[Array], by_gyro: bool) -> float:
-    """Of the dead-reckoned path, set on the reference where the drive begins, m."""
+    """Position rms of the dead-reckoned path, which starts on the reference, m."""
     turn, way, side = (sum(c * k for c, k in zip(_shared(d, i, form), x[i], strict=True)) for i in range(3))
     if by_gyro:
         assert d.gyro_rad is not None
@@ -221,7 +221,7 @@ def position_rms(d: Drive, form: Form | None, x: Sequence[Array], by_gyro: bool)
 
 
 def judged(drives: Sequence[Drive], form: Form | None) -> tuple[list[float], list[float], list[float]]:
-    """For each drive by a fit to the others: gain in nats, position rms by gyro and wheels, and by wheels."""
+    """For each drive, from a fit to the others: gain in nats, position rms by gyro and wheels, and by wheels."""
     gains, gyro_m, wheels_m = [], [], []
     for d in drives:
         others = [o for o in drives if o is not d]
@@ -237,7 +237,7 @@ def judged(drives: Sequence[Drive], form: Form | None) -> tuple[list[float], lis
 
 
 def late(drives: Sequence[Drive], channel: int) -> dict[str, list[float]]:
-    """What the wheels' readings gain in each drive where a lag, or both, stand for a delay; fitted to the others."""
+    """Gain of the wheels' readings in each drive with a lag, or both, in place of a delay; fitted to the others."""
     grid = np.array([[[_late(d, channel, delay, tau) for tau in LAGS_S] for delay in DELAYS_S] for d in drives])
     zero = int(np.argmin(np.abs(DELAYS_S)))
     choices = {"delay": grid[:, :, :1], "lag": grid[:, zero : zero + 1], "delay and lag": grid}
@@ -249,7 +249,7 @@ def late(drives: Sequence[Drive], channel: int) -> dict[str, list[float]]:
 
 
 def _late(d: Drive, channel: int, delay_s: float, tau_s: float) -> float:
-    """Log likelihood of the wheels' turn or way, given the true ones behind a delay and a first-order lag."""
+    """Log likelihood of the wheels' turn or travel, given the true one behind a delay and a first-order lag."""
 
     def behind(values: Array) -> Array:
         if tau_s:
@@ -273,7 +273,7 @@ def told(name: str, gains: Sequence[float], gyro_m: Sequence[float], wheels_m: S
 
 
 def main() -> None:
-    """The table of one robot."""
+    """Print the table of one robot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", nargs="+", type=Path)
     parser.add_argument("--beside", nargs="*", choices=FORMS, default=[], metavar="FORM", help="in each fit")

@@ -1,4 +1,4 @@
-"""Short simulated recordings with what is missing known, and the problems that they pose to `drd diagnose`."""
+"""Short simulated recordings with known missing effects, and the problems that they pose to `drd diagnose`."""
 
 from functools import lru_cache
 
@@ -48,7 +48,7 @@ def simulated(
     nominal: Robot = DEFAULT,
     temperature: str = "warmup",
 ) -> Simulated:
-    """Drive with the selected effects' effects."""
+    """Simulate a drive with the selected effects."""
     effects = [(c.effect, c.values) for c in selection]
     return simulate(truth(*drive, temperature), nominal, effects, conditions or Conditions(), seed=seed)
 
@@ -56,10 +56,10 @@ def simulated(
 def recorded(
     drive: tuple[str, float], seed: int, *selection: Selected, conditions: Conditions | None = None
 ) -> Recording:
-    """What is recorded then."""
+    """The recording of such a drive."""
     return simulated(drive, seed, *selection, conditions=conditions).recording
 
 
 def problem(drive: tuple[str, float], seed: int, *selection: Selected, conditions: Conditions | None = None) -> Problem:
-    """What it says, with the noise of the data sheets."""
+    """The regression problem of such a recording, with the noise of the data sheets."""
     return Problem(gather(recorded(drive, seed, *selection, conditions=conditions)))

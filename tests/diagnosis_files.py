@@ -1,4 +1,4 @@
-"""Result folders as `drd diagnose` leaves them, made up: a drive with a known error, and what would be found."""
+"""Invented result folders of `drd diagnose`: a drive with a known error, and what would be found."""
 
 import json
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def one_finding() -> Made:
 
 
 def two_and_unknown() -> Made:
-    """Slippery ground, a warm-up that could be something else, and an error of no catalogue; two recordings."""
+    """Slippery ground, an ambiguous warm-up, and an error that is not in the catalogue; two recordings."""
     rng = np.random.default_rng(2)
     time_s, rate_rad_s = _drive(rng)
     reference = _path(time_s, rate_rad_s)
@@ -124,7 +124,7 @@ def nothing_missing() -> Made:
 
 
 def only_unknown() -> Made:
-    """Something is wrong that is in no catalogue, and one cannot say on what it depends."""
+    """An error that is not in the catalogue, and whose covariate is unknown."""
     rng = np.random.default_rng(4)
     diagnosis, series = one_finding()
     diagnosis |= {"verdict": "unknown", "next_drive": None, "classes": []}
@@ -135,7 +135,7 @@ def only_unknown() -> Made:
 
 
 def write(folder: Path, made: Made) -> Path:
-    """The two files."""
+    """Write the two files."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in zip(("diagnosis.json", "series.json"), made, strict=True):
         (folder / name).write_text(json.dumps(content), encoding="utf-8")
@@ -164,7 +164,7 @@ def _recording(name: str, reference: Any, nominal: Any, corrected: Any) -> dict[
     return {"name": name, "duration_s": DURATION_S, "path_m": DURATION_S * SPEED_M_S, "path": path}
 
 
-def _curve(  # one argument for each thing that is drawn
+def _curve(  # one argument per drawn item
     rng: np.random.Generator, x: Array, form: Any, sigma: float, driver: str, unit: str, error_unit: str, channel: str
 ) -> dict[str, Any]:
     sigmas = sigma * rng.uniform(0.7, 1.8, x.size)

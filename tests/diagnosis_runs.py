@@ -42,7 +42,7 @@ def written(
 
 
 def diagnosed(folder: Path, output: Path, *more: str) -> dict[str, Any]:
-    """Exit code 0, and the answer in the form of diagnosis.json."""
+    """Run it; check for exit code 0 and the form of diagnosis.json; return the answer."""
     assert main(["diagnose", str(folder), "--output", str(output), *more]) == 0
     found: dict[str, Any] = json.loads((output / "diagnosis.json").read_text())
     assert set(found) >= KEYS

@@ -1,4 +1,4 @@
-"""A robot drawn from what the filter states of it, and its true path."""
+"""A robot drawn at random from the filter's prior, and its true path."""
 
 import math
 
@@ -26,7 +26,7 @@ class Truth:
         self.gyro_walk = -s.heading_rad * draw[2] - self.heading
 
     def drive(self, t_s: float) -> tuple[float, float, float]:
-        """One step of motion; what the encoders and the gyro read over it (left, right, rate)."""
+        """Move one step; return the readings of encoders and gyro (left, right, rate)."""
         k, rng = self.k, self.rng
         speed, rate = 1.0, 0.5 * math.sin(0.35 * t_s) + 0.2
         right, left = (speed + 0.5 * rate * self.tread) * STEP_S, (speed - 0.5 * rate * self.tread) * STEP_S
@@ -50,7 +50,7 @@ class Truth:
         return read_left / (1.0 - self.scale_left), read_right / (1.0 - self.scale_right), reading
 
     def error(self) -> npt.NDArray[np.float64]:
-        """The error state without the gyro's heading: the eight that a truth exists for."""
+        """The error state without the gyro's heading: the eight states with a true value."""
         n = self.kf.nominal
         return np.array(
             [

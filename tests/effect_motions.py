@@ -10,7 +10,7 @@ TREAD_M, RADIUS_M = 0.6, 0.1
 
 
 def motion(rate_hz: float = 20.0, seconds: float = 120.0, seed: int = 1) -> Motion:
-    """Turns both ways, speeding up and braking, some of it backwards, warming and cooling: all that effects see."""
+    """Turns both ways, acceleration and braking, some reverse, warming and cooling: all that excites effects."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(1, round(rate_hz * seconds) + 1) / rate_hz
     speed, rate = 0.5 * np.ones_like(time_s), np.zeros_like(time_s)
@@ -23,7 +23,7 @@ def motion(rate_hz: float = 20.0, seconds: float = 120.0, seed: int = 1) -> Moti
 
 
 def driven(time_s: Array, speed: Array, rate: Array, temperature_c: Array) -> Motion:
-    """A motion without slip; the standstill's temperature is the first one, the run ends with its last sample."""
+    """A motion without slip; the first temperature is the standstill's, the run ends with its last sample."""
     step_s = np.diff(time_s, prepend=0.0)
     left, right = speed - 0.5 * TREAD_M * rate, speed + 0.5 * TREAD_M * rate
     return Motion(
@@ -45,6 +45,6 @@ def driven(time_s: Array, speed: Array, rate: Array, temperature_c: Array) -> Mo
 
 
 def in_si(effect: Effect, values: Values) -> dict[str, float | str]:
-    """Values in the catalogue's units, as formulas take them."""
+    """Convert values from the catalogue's units to SI, for the formulas."""
     units = {q.name: q.si for q in effect.parameters}
     return {name: x if isinstance(x, str) else x * units[name] for name, x in values.items()}

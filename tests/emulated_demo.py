@@ -1,4 +1,4 @@
-"""The emulated robot of `drd demo` in simulated time: what the daemon would hand to its monitor."""
+"""The emulated robot of `drd demo` in simulated time: the samples that the daemon would give its monitor."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ from drd_tools.shipped import shipped_config
 from drd_tools.simulate.missions import demo_drive
 from drd_tools.simulate.truth import make_truth
 
-# Of packets and frames on their way, a mean.
+# Mean transport jitter of packets and frames.
 JITTER_S = 0.0005
 BEFORE_S = 1000.0
 

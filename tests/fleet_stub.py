@@ -1,4 +1,4 @@
-"""A fleet for tests of its engine and its store: tiny files, and calls that are quick, that fail, or that kill."""
+"""A fleet for tests of its engine and its store: tiny files, and calls that are quick, fail, or kill their process."""
 
 import os
 import signal
@@ -49,7 +49,7 @@ def rows(name: str, uri: str, value: float, **more: Any) -> Rows:
 
 
 def stubbed(task: Task) -> Rows | None:
-    """In place of the analysis: a figure from the file's text; "fails" fails."""
+    """Stand in for the analysis: a figure from the file's text; "fails" fails."""
     place = Path(task.seen.uri)
     digest = contents(place, task.seen)
     if digest == task.digest:
@@ -62,7 +62,7 @@ def stubbed(task: Task) -> Rows | None:
 
 
 def killing(task: Task) -> Rows | None:
-    """As `stubbed`, but the first process that gets run_002 is killed, and each that gets run_003."""
+    """Like `stubbed`, but the first process that gets run_002 is killed, and each that gets run_003."""
     marker = Path(task.seen.uri).parent / "killed"
     if task.recording == "run_002" and not marker.exists():
         marker.touch()
@@ -73,6 +73,6 @@ def killing(task: Task) -> Rows | None:
 
 
 def slow(task: Task) -> Rows | None:
-    """As `stubbed`, in half a second."""
+    """Like `stubbed`, but takes half a second."""
     time.sleep(0.5)
     return stubbed(task)

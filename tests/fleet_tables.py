@@ -21,7 +21,7 @@ def made_table(
     places: int = 2,
     batches: int = 2,
 ) -> dict[str, list[Any]]:
-    """A constant of robots "1", "2", ... that drive in all places in turns; robot r's batch is r modulo `batches`."""
+    """A constant of robots "1", "2", ... that drive in all places in turn; robot r's batch is r modulo `batches`."""
     random = np.random.default_rng(seed)
     rows = []
     for robot in range(1, robots + 1):

@@ -27,14 +27,14 @@ realtime: {{freeze_gc: false}}
 monitor: {{enabled: false}}
 """
 SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
-LATE_S = 0.15  # by which a busy machine may delay a frame of a line without time stamps
+LATE_S = 0.15  # delay of a frame on a busy machine, on a line without time stamps
 
 
 def farthest_m(before: dict[str, Any], pose: dict[str, Any]) -> float:
-    """How far a pose may be from the one that was received before it without being a jump."""
+    """How far a pose may be from the one received before it without being a jump."""
     dt_s: float = (pose["monotonic_ns"] - before["monotonic_ns"]) * 1e-9
-    # After a silence each pose brings the travel of its own 50 ms, however short ago the last one was; of a burst of
-    # them a full queue may have dropped some.
+    # After a silence each pose contains the travel of its own 50 ms, however soon it follows the last one; a full queue
+    # may have dropped some of a burst.
     travelled_s = max(dt_s, 0.05 * int(pose["sequence"] - before["sequence"]))
     return SPEED_M_S * (travelled_s + LATE_S) + 0.03
 
@@ -57,7 +57,7 @@ class Robot:
         self._session: Any = None
 
     def listen(self) -> None:
-        """Connect to the daemon, which may need a moment, and keep all poses and the last health."""
+        """Connect to the daemon, which may take a moment, and keep all poses and the last health."""
         deadline = time.monotonic() + 15.0
         while self._session is None:
             try:
@@ -70,7 +70,7 @@ class Robot:
         self._session.declare_subscriber("drd/health", self._on_health)
 
     def drive(self) -> None:
-        """Listen, and start the emulator, unless it runs already."""
+        """Listen, and start the emulator unless it is already running."""
         self.listen()
         if not self.emulator.is_running:
             self.emulator.start()
@@ -86,7 +86,7 @@ class Robot:
         return answer
 
     def wait(self, what: str, condition: Callable[[dict[str, Any]], bool], timeout_s: float = 8.0) -> dict[str, Any]:
-        """The first new pose that fulfils the condition."""
+        """Wait for the first new pose that fulfils the condition."""
         seen, deadline = len(self.poses), time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             while seen < len(self.poses):

@@ -37,14 +37,14 @@ CALIBRATED: Final = "calibrate wheels"
 
 
 class Off(NamedTuple):
-    """How far poses are off: position's rms over a drive, and drift over its segments, which begin anew."""
+    """Pose errors: rms of the position over a drive, and drift over its segments, each aligned anew."""
 
     position_rms_m: float
     drift_percent: float
 
 
 def off(poses: Poses, yardstick: Yardstick) -> Off:
-    """Both figures of an estimate."""
+    """Both figures for an estimate."""
     figures = figures_of(Estimated(poses), yardstick)
     return Off(figures.position_rms_m, np.nan if figures.drift_percent is None else figures.drift_percent)
 
@@ -65,7 +65,7 @@ def modelled(folders: Sequence[Path], folder: Path) -> Path:
 
 
 def scaled_and_delayed(recording: Recording, yardstick: Yardstick) -> Array:
-    """`Off` for each of SCALES and DELAYS_S, (18, 5, 2): of the gyro's heading, and the way of wheels so late."""
+    """`Off` for each of SCALES and DELAYS_S, (18, 5, 2), with the gyro's heading and wheels scaled and delayed so."""
     stops = baselines(recording)[STOPS]
     time_s, left_m, right_m = travels(recording)
     distance_m = 0.5 * np.diff(left_m + right_m)
@@ -99,7 +99,7 @@ def yardstick_of(recording: Recording, found: c.Calibration) -> Yardstick:
 
 
 def in_common(rows: Sequence[Mapping[str, Off]], which: int) -> list[str]:
-    """Lines on one of the figures `Off`: of each name over all drives, and against the calibration, drive for drive."""
+    """Lines on one figure of `Off`: for each name over all drives, and against the calibration, drive by drive."""
     lines = []
     for name in rows[0]:
         values = np.array([row[name][which] for row in rows])

@@ -1,4 +1,4 @@
-"""A simulated drive as other systems record one; every trap of an import is a knob."""
+"""A simulated drive as recorded by other systems; every trap of an import can be set."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ GRAVITY_M_S2 = 9.8
 
 @dataclass(frozen=True)
 class Traps:
-    """What is wrong with the recording. Offsets are how much later a stream's stamps are, s."""
+    """Faults of the recording. Offsets: how much later a stream's stamps are, s."""
 
     axis: int = 2
     gyro_sign: float = 1.0
@@ -32,7 +32,7 @@ class Traps:
 
 
 def truth(rng: np.random.Generator, seconds: float, turning: float) -> tuple[Array, Array, Array]:
-    """Times, speed and yaw rate at 200 Hz: new ones every second or so, with the robot's inertia."""
+    """Times, speed and yaw rate at 200 Hz: new commands every second or so, smoothed by the robot's inertia."""
     time_s = np.arange(0.0, seconds, 0.005)
     legs = max(2, int(seconds / 1.3))
     speed, rate = rng.uniform(0.1, 0.8, legs), turning * rng.uniform(-0.8, 0.8, legs)

@@ -18,7 +18,7 @@ from drd_tools.importing.examine import GyroRates, WheelTravel
 from drd_tools.recordings.folder import ReferenceLog
 
 EPOCH_NS = 1_700_000_000_000_000_000
-LATE_NS = 20_000_000  # a message is received so long after its stamp
+LATE_NS = 20_000_000  # from a message's stamp to its reception
 COUNTS = 4000.0
 ROBOT = ("--wheel-radius", str(RADIUS_M), "--tread", "0.5")
 Drive = tuple[GyroRates, WheelTravel, ReferenceLog]
@@ -113,7 +113,7 @@ class Messages:
 
 
 def write_bag(path: Path, drive: Drive, *, zero_stamps: bool = False) -> Path:
-    """By its name: .bag of ROS 1, a folder of ROS 2 otherwise; with mcap in its name stored as MCAP."""
+    """Write a bag chosen by its name: .bag of ROS 1, otherwise a folder of ROS 2, as MCAP with mcap in the name."""
     ros1 = path.suffix == ".bag"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if "mcap" in path.name else StoragePlugin.SQLITE3
@@ -131,10 +131,10 @@ def write_bag(path: Path, drive: Drive, *, zero_stamps: bool = False) -> Path:
 
 
 def write_frames(path: Path, wheels: WheelTravel) -> Path:
-    """AgileX odometer frames (0x311, mm), in python-can's format for the file's name; and another one between."""
+    """Write AgileX odometer frames (0x311, mm) in python-can's format for the file's name, with a foreign one."""
     with can.Logger(path) as log:
         if isinstance(log, can.SqliteWriter):
-            log.MAX_BUFFER_SIZE_BEFORE_WRITES = 1_000_000  # what is left beyond one such buffer it forgets at the end
+            log.MAX_BUFFER_SIZE_BEFORE_WRITES = 1_000_000  # it loses data beyond one such buffer at the end
         for t_ns, left, right in zip(stamps_ns(wheels.time_s), wheels.left_m, wheels.right_m, strict=True):
             data = b"".join(round(side * 1e3).to_bytes(4, "big", signed=True) for side in (left, right))
             for can_id, content in ((0x311, data), (0x221, b"\1\2")):

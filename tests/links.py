@@ -1,4 +1,4 @@
-"""A Zenoh link with a loop of its own and somebody else's session, over the loopback."""
+"""A Zenoh link with its own event loop, and another session over the loopback."""
 
 import asyncio
 import contextlib
@@ -50,7 +50,7 @@ def event_loop() -> Iterator[asyncio.AbstractEventLoop]:
 
 @contextlib.contextmanager
 def a_link(handlers: Any = HANDLERS, **output: Any) -> Iterator[tuple[ZenohLink, Any]]:
-    """A link and, over loopback, somebody else's session."""
+    """A link and, over loopback, another session."""
     output = {"listen": (free_endpoint(),)} | output
     [endpoint] = output["listen"]
     with event_loop() as loop:
@@ -63,7 +63,7 @@ def a_link(handlers: Any = HANDLERS, **output: Any) -> Iterator[tuple[ZenohLink,
 
 
 def first_sample(subscriber: Any, publish: Callable[[], None]) -> Any:
-    """Publish until the subscription has made its way and something arrives."""
+    """Publish until the subscription is in place and a sample arrives."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         publish()

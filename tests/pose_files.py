@@ -1,4 +1,4 @@
-"""Simulated drives of known error: estimates, references and pose files."""
+"""Simulated drives with known errors: estimates, references and pose files."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,7 @@ def drive(seconds: float = 120.0, rate_rad_s: float = 0.15, speed_m_s: float = 0
 
 
 def integrate(time_s: Array, heading: Array, speed_m_s: Array | float) -> Array:
-    """The path (n, 2) that begins at the origin; the heading holds over the step that ends at its row."""
+    """The path (n, 2) from the origin; each heading holds over the step that ends at its row."""
     step_m = np.diff(time_s, prepend=time_s[0]) * speed_m_s
     return np.column_stack([np.cumsum(step_m * np.cos(heading)), np.cumsum(step_m * np.sin(heading))])
 
@@ -65,7 +65,7 @@ def dead_reckoned(rng: np.random.Generator, claim: float = 1.0, rows: int = 600)
 
 
 def write_poses(file: Path, time_s: Array, pose: Array, covariance: Array | None = None) -> Path:
-    """A pose file, or a reference where there is no covariance."""
+    """Write a pose file, or a reference if there is no covariance."""
     columns = [time_s, pose[:, 0], pose[:, 1], np.degrees(pose[:, 2])]
     header = list(POSES)
     if covariance is not None:

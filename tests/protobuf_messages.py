@@ -1,4 +1,4 @@
-"""Protobuf messages of schemas as files hold them, for tests: decoded by Google's own library."""
+"""Protobuf messages decoded by Google's own library from the schemas in files, for tests."""
 
 from typing import Any
 

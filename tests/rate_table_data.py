@@ -8,7 +8,7 @@ import numpy as np
 from drd.arrays import Array
 from drd_tools.calibrate.gyro.data_sets import DataSets
 
-ErrorLaw = Callable[[Array, Array], Array]  # of the true rate in deg/s and the temperature in degC
+ErrorLaw = Callable[[Array, Array], Array]  # error for a true rate in deg/s and a temperature in degC
 
 ARW_DEG_S_ROOT_HZ = 5.0 / 3600.0
 RATES = tuple(range(-100, 101, 20))
@@ -26,7 +26,7 @@ def rd2100_error(w: Array, T: Array) -> Array:
 
 
 def reading_of(w: Array, T: Array, law: ErrorLaw) -> Array:
-    """What a noise-free gyro says at the true rate."""
+    """Reading of a noise-free gyro at the true rate."""
     return w + law(w, T)
 
 
@@ -82,7 +82,7 @@ def write_csv(file: Path, columns: Sequence[Array]) -> Path:
 def write_table(
     folder: Path, rng: np.random.Generator, temperatures: Sequence[float] = TEMPERATURES, **options: object
 ) -> Path:
-    """One file for each temperature."""
+    """Write one file for each temperature."""
     folder.mkdir(parents=True, exist_ok=True)
     for temperature in temperatures:
         write_csv(folder / f"rates_{temperature:+.0f}c.csv", samples(rng, temperature_c=temperature, **options))  # type: ignore[arg-type]
@@ -90,7 +90,7 @@ def write_table(
 
 
 def of_means(w: Array, g: Array, T: Array, sigma: Array, temperature_sigma_c: float = 0.0) -> DataSets:
-    """Data sets whose means are known already, each of shape (n,)."""
+    """Data sets from known means, each of shape (n,)."""
     n = len(w)
     counts = np.ones(n, np.int64), np.zeros(n, np.int64)
     return DataSets(w, g, T, sigma, np.full(n, temperature_sigma_c), *counts, ("",) * n)

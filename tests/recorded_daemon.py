@@ -28,7 +28,7 @@ def daemon_log(file: Path, run: Simulated, reference: bool = True, config: Confi
 
 
 def in_parts(file: Path, run: str, count: int) -> list[Path]:
-    """The messages of FILE.mcap as so many parts of a run, each of the same time, beside it; FILE.mcap is removed."""
+    """Split FILE.mcap into `count` parts of a run, equally long, in the same folder; remove FILE.mcap."""
     whole = open_mcap(file)
     messages = list(whole.messages())
     end = messages[-1].log_ns + 1

@@ -1,4 +1,4 @@
-"""A drive through a pipeline that is recorded, without ports and clock, for tests."""
+"""A recorded drive through a pipeline without ports or clock, for tests."""
 
 import itertools
 import math
@@ -35,7 +35,7 @@ provenance: {who: a test}
 
 @dataclass
 class Drive:
-    """The recorder, and what the live pipeline published."""
+    """The recorder, and the live pipeline's output."""
 
     loaded: Loaded[Config]
     base: Path
@@ -49,7 +49,7 @@ class Drive:
         return self.recorder
 
     def run(self, seconds: float, between: Callable[[int], None] | None = None) -> None:
-        """Circles, with ticks, a lost port and commands; `between` is called after each tick with its count."""
+        """Drive circles, with ticks, a lost port and commands; call `between` after each tick with its count."""
         arrivals = Circle(self.loaded.value).arrivals(seconds)
         due_ns, ticks = 0, itertools.count(1)
         for t_ns, data in arrivals:
@@ -84,7 +84,7 @@ class Drive:
 
 
 def drive(folder: Path, recording: str = "flush_s: 0.1", calibration: bool = True) -> Drive:
-    """`recording`: further keys of that section. The configuration lies in `folder`, the recordings in records."""
+    """Make a drive. `recording`: more keys of that section. The configuration is in `folder`, recordings in records."""
     (folder / "calibration.yaml").write_text(CALIBRATION)
     file = folder / "robot.yaml"
     file.write_text(

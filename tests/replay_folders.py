@@ -21,7 +21,7 @@ def write_perfect(
     temperature_c: float | None = None,
     legs: tuple[Leg, ...] = STANDING,
 ) -> Path:
-    """A drive whose wheels and reference are exact, with a gyro at 10 Hz that has nothing but a bias."""
+    """A drive with exact wheels and reference, and a gyro at 10 Hz whose only error is a bias."""
     write_drive(folder, legs, Truth(), every=1, as_speeds=as_speeds)
     robot = folder / "robot.yaml"
     text = robot.read_text() + "standstill_at_start_s: 12\n"
@@ -39,7 +39,7 @@ def write_perfect(
 
 
 def short_drive(folder: Path) -> Recording:
-    """5 s of it, with gyro and temperature."""
+    """A drive of 5 s, with gyro and temperature."""
     legs = ((0.0, 0.0, 1.0), (0.5, 0.3, 4.0))
     return read_recording(write_perfect(folder / "drive", gyro=True, temperature_c=20.0, legs=legs))
 

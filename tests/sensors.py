@@ -13,7 +13,7 @@ S = 1_000_000_000
 T0 = 1000 * S
 ROBOT = "robot: {wheel_radius_m: 0.1, tread_m: 0.5}\n"
 NO_BIAS = ROBOT + "estimation: {static_bias: {duration_s: 0}}\n"
-# A robot of which nothing is to be found out first.
+# A robot without anything to be determined first.
 KNOWN = """\
 robot: {wheel_radius_m: 0.1, tread_m: 0.5, drive: differential}
 estimation: {static_bias: {duration_s: 0}, initial: {wheel_lag_s: 0}}

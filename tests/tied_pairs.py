@@ -64,7 +64,7 @@ def as_if(name: str, true: Selected, problem: Problem) -> Selected:
 def finding(
     of: Selected | None, *rivals: Selected, status: Status = Status.CONFIRMED, curve: Curve | None = None
 ) -> Cause:
-    """A cause that its rivals fit as well."""
+    """A cause whose rivals fit equally well."""
     return Cause(of, status, rivals, (), Support(50.0, 0.001, 1e6), 0.9, "", {}, curve)
 
 
@@ -75,7 +75,7 @@ def tied(true: Selected, *names: str, problem: Problem | None = None) -> Cause:
 
 
 def diagnosed(*findings: Cause, reference: str = "full") -> Conclusion:
-    """The diagnosis that has found these."""
+    """The diagnosis with these findings."""
     problem = recorded(reference)[1]
     fit = Fit(tuple(f.selected for f in findings if f.selected is not None), 0.0, np.zeros(0), problem.data)
     found = Found(problem, fit, 0.0)
@@ -83,7 +83,7 @@ def diagnosed(*findings: Cause, reference: str = "full") -> Conclusion:
 
 
 class Checked(NamedTuple):
-    """A plan for one question: shares of simulated drives that settle it where either name is true, and the mean."""
+    """A plan for one question: shares of simulated drives that settle it if either effect is true, and the mean."""
 
     plan: Plan
     shares: tuple[float, ...]
@@ -94,7 +94,7 @@ class Checked(NamedTuple):
 
 
 def checked(question: Question, plan: Plan, seeds: Sequence[int], whole: bool = False) -> Checked:
-    """Drive a plan with each name of a question true; `whole`: ask the whole diagnosis which it is."""
+    """Simulate a plan with each effect of a question true; `whole`: let the whole diagnosis decide."""
     first, second = question.finding.selected, question.rival
     assert first is not None
     of_each = []
@@ -113,7 +113,7 @@ def _is_settled(parts: Sequence[Part], true: Selected | None, other: Selected | 
         wrong = other is not None and any(other.id in names for names in named)
         return not wrong and (true is None or any(true.id in names for names in named))
     problem = Problem(gather(recording))
-    if true is None or other is None:  # of the size that was found: the ratio is that of one size to none
+    if true is None or other is None:  # of the size found: the likelihood ratio compares one size with none
         found = true or other
         assert found is not None
         with_it = refine(problem.with_data(problem.data - problem.effect_rows([found])), []).cost
@@ -137,13 +137,13 @@ LEVELS = (0.3, 0.6, 0.9)
 
 
 def question(true: Selected, rival: str) -> tuple[Conclusion, Question]:
-    """A diagnosis with one open question; without a rival, whether the finding is there at all."""
+    """A diagnosis with one open question; without a rival: whether the finding is real at all."""
     cause = tied(true, rival) if rival else finding(true, status=Status.SUSPECTED)
     return diagnosed(cause), Question(cause, cause.rivals[0] if rival else None)
 
 
 def nearest(plans: Sequence[Plan], level: float) -> Plan:
-    """The plan whose stated probability is nearest to a level, the shortest of them."""
+    """The plan with a stated probability nearest to a level, the shortest if several."""
     return min(plans, key=lambda p: (round(abs(p.probabilities[0] - level), 2), p.seconds))
 
 

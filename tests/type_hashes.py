@@ -32,7 +32,7 @@ SERVICES: dict[str, tuple[Fields, Fields]] = {
 
 
 def definitions() -> dict[str, Fields]:
-    """The fields of each type: ROS 2's messages as rosbags has them, and SERVICES with what rosidl makes of each."""
+    """The fields of each type: ROS 2's messages from rosbags, and SERVICES with the types that rosidl derives."""
     found: dict[str, Fields] = {name: list(f[1]) for name, f in get_typestore(Stores.ROS2_KILTED).fielddefs.items()}
     for name, (request, response) in SERVICES.items():
         parts = [f"{name}_{part}" for part in ("Request", "Response", "Event")]
@@ -50,7 +50,7 @@ def definitions() -> dict[str, Fields]:
 
 
 def type_hash(name: str, types: dict[str, Fields]) -> str:
-    """The hash of `name`, as it stands in keys of rmw_zenoh."""
+    """The hash of `name`, as used in keys of rmw_zenoh."""
     others = sorted(set(_referenced(name, types)) - {name})
     description = {
         "type_description": _described(name, types),

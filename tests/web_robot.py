@@ -1,4 +1,4 @@
-"""A daemon's side of Zenoh that drives a circle, and a `drd web` in this process that listens to it."""
+"""A simulated daemon on Zenoh that drives a circle, and a `drd web` in this process that listens to it."""
 
 import contextlib
 import json
@@ -42,7 +42,7 @@ HEALTH: dict[str, Any] = {
 
 
 def pose_at(sequence: int, t_ns: int, validity: Validity = Validity.VALID, reasons: tuple[Reason, ...] = ()) -> Pose:
-    """The pose number `sequence` on the circle, 20 of them a second, at 1 m/s."""
+    """Pose number `sequence` on the circle, at 20 per second and 1 m/s."""
     angle = sequence * 0.05 / RADIUS_M
     x_m, y_m = RADIUS_M * math.sin(angle), RADIUS_M * (1.0 - math.cos(angle))
     covariance = (0.04, 0.01, 0.0, 0.09, 0.0, 1e-4)
@@ -55,7 +55,7 @@ def pose_payload(sequence: int = 1, wall_ns: int = 1_000_000_000, **changes: Any
 
 
 class Robot:
-    """Publishes 20 poses a second and a health each; what is assigned to it holds from the next on."""
+    """Publishes 20 poses a second, each with a health; values assigned to it apply from the next on."""
 
     def __init__(self, endpoint: str, commands: bool):
         self.endpoint, self.commands = endpoint, commands
@@ -65,7 +65,7 @@ class Robot:
         self.requests: list[tuple[str, dict[str, Any]]] = []
 
     def handlers(self) -> dict[str, Any]:
-        """What it answers to queries."""
+        """Its query handlers."""
 
         def command(name: str, payload: dict[str, Any]) -> dict[str, Any]:
             if name == "calibrate_bias":
@@ -79,7 +79,7 @@ class Robot:
 
 @contextlib.contextmanager
 def a_robot(endpoint: str, commands: bool = True) -> Iterator[Robot]:
-    """It publishes until the end of the block."""
+    """A robot that publishes until the end of the block."""
     robot, stop = Robot(endpoint, commands), threading.Event()
     with event_loop() as loop:
         link = ZenohLink(Output(listen=(endpoint,), commands=commands), robot.handlers(), loop)

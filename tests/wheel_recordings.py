@@ -24,7 +24,7 @@ TOUR: tuple[Leg, ...] = (
 
 
 def later(recording: Recording, seconds: float) -> Recording:
-    """The same recording, its clock ahead by so much."""
+    """The same recording with its clock shifted ahead."""
     fog, wheels, reference = recording.fog, recording.wheels, recording.reference
     assert fog is not None
     assert wheels is not None
@@ -39,7 +39,7 @@ def later(recording: Recording, seconds: float) -> Recording:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the simulated robot is, relative to its nominal, and how good its reference is."""
+    """The simulated robot relative to its nominal values, and the quality of its reference."""
 
     left: float = 1.0
     right: float = 1.0

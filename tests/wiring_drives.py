@@ -1,4 +1,4 @@
-"""What gyro and wheels report of a drive, with each wiring fault as a knob."""
+"""Gyro and wheel samples of a drive, with every wiring fault selectable."""
 
 import math
 from dataclasses import dataclass, field
@@ -27,9 +27,9 @@ GEOMETRY = Geometry(TREAD_M, COUNT_M)
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """Faults first: factors on what each sensor says (-1: sign, 0: dead), swapped sides, ratio of effective tread.
+    """Faults first: factors on each sensor's reading (-1: sign, 0: dead), swapped sides, ratio of effective tread.
 
-    Noise is a data sheet's: bias, deg/s; angle random walk, deg/sqrt(h); each wheel's travel, m/sqrt(m).
+    Noise as in a data sheet: bias, deg/s; angle random walk, deg/sqrt(h); each wheel's travel, m/sqrt(m).
     """
 
     gyro: float = 1.0
