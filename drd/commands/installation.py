@@ -123,7 +123,7 @@ class Installation:
         missing = [f for f in (folder, *folder.parents) if not f.exists()]
         for f in reversed(missing):
             f.mkdir()
-            f.chmod(0o755)  # whatever the umask: the service has a user of its own
+            f.chmod(0o755)  # regardless of the umask: the service has its own user
             if f.is_relative_to(self.root) and f != self.root:
                 self.folders.append(str(f.relative_to(self.root)))
 

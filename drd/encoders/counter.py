@@ -12,7 +12,7 @@ LONGEST_TOLD_S = 10.0
 
 
 class Outcome(Enum):
-    """What a reading says about the travel since the previous one."""
+    """Information that a reading gives about the travel since the previous one."""
 
     MOVED = "moved"
     """The travel since then is known, zero included."""

@@ -119,7 +119,7 @@ class Dbc(Layout):
 
 
 def load_database(encoders: Encoders, base: Path) -> "Database":
-    """Read the DBC file. Raises ConfigError where the file or cantools is missing or the file is no DBC."""
+    """Read the DBC file. Raises ConfigError if the file or cantools is missing or the file is not a DBC file."""
     try:
         import cantools  # noqa: PLC0415 - optional: only this layout needs it
     except ImportError as error:
