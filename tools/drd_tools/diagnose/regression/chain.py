@@ -1,4 +1,4 @@
-"""Sensors' readings of effects: through the geometry before them, and behind the wheels' delays after them. (73)"""
+"""Sensor readings of effects, changed by the selected geometry before them and the wheels' delays after them. (73)"""
 
 import itertools
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ NODES: Final = 4  # of a cubic
 
 
 def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
-    """The selected effects on whose outcome others act, in the order in which they act: geometry, and delays."""
+    """Selected effects that change how others act, in the order in which they act: geometry, and delays."""
     order = list(catalogue())
     chained = (c for c in selection if c.effect.geometry or _is_delay(c.effect))
     return tuple(sorted(chained, key=lambda c: order.index(c.id)))
@@ -32,12 +32,12 @@ def _is_delay(effect: Effect) -> bool:
 
 
 def has_clock(chain: Sequence[Selected]) -> bool:
-    """Whether a clock of the wheels is among the effects of a chain."""
+    """Whether a chain contains a clock error of the wheels."""
     return any(_is_delay(c.effect) and c.effect.begins is Begins.GROWING for c in chain)
 
 
 def delays_s(selection: Sequence[Selected], at_s: Array) -> tuple[Array, Array]:
-    """How old the gyro's and the wheels' samples are that are stamped `at_s` (n,): clocks drift along a line."""
+    """Ages of the gyro's and the wheels' samples stamped `at_s` (n,): clocks drift linearly."""
     ends_s = at_s[[0, -1]]
     of_ends = [[c.effect.delays(float(t), c.values) for c in selection] for t in ends_s]
     gyro, wheels = ([sum(getattr(d, name) for d in delays) for delays in of_ends] for name in Delays._fields)
@@ -45,22 +45,22 @@ def delays_s(selection: Sequence[Selected], at_s: Array) -> tuple[Array, Array]:
 
 
 def stamped_later_s(delay_s: Array, at_s: Array) -> Array:
-    """How much later what was at `at_s` (n,) is stamped, where samples so stamped are `delay_s` (n,) old.
+    """Delay of the stamp of an event at `at_s` (n,), given the age `delay_s` (n,) of samples stamped at `at_s`.
 
-    Of a clock that is 3 % off that is another 0.15 s after 170 s.
+    The two differ by 0.15 s after 170 s for a clock that is 3 % off.
     """
     growth = float((delay_s[-1] - delay_s[0]) / (at_s[-1] - at_s[0]))
     return delay_s / (1.0 - growth)
 
 
 def beside(effect: Effect, motion: Motion, size: float) -> Errors:
-    """Errors, at a size, of the effect beside which alone another's form is known."""
+    """Errors, at a given size, of the linear effect up to which this effect's form is determined."""
     assert effect.beside is not None
     return effect.beside.error(motion, {effect.beside.parameters[0].name: size})
 
 
 def _with(motion: Motion, chain: Sequence[Selected]) -> Motion:
-    """The motion with the wheels' speeds on which these effects have acted, one after the other; angles are counted."""
+    """The motion with these effects applied to the wheels' speeds, one after the other; angles are as counted."""
     for c in chain:
         error = c.effect.error(motion, c.values)
         left, right = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
@@ -70,9 +70,9 @@ def _with(motion: Motion, chain: Sequence[Selected]) -> Motion:
 
 @dataclass(frozen=True)
 class _Late:
-    """Samples of a sum that are late: each is the sum's at the edges `first` to first + 3, times `weights` (4, n + 1).
+    """Delayed samples of a sum: each combines the sum at the edges `first` to first + 3 with `weights` (4, n + 1).
 
-    Lagrange's cubic: a line between two would take a tenth off what turns by 1 rad in a step.
+    Lagrange's cubic: linear interpolation would reduce an oscillation of 1 rad per step by a tenth.
     """
 
     first: npt.NDArray[np.intp]
@@ -80,7 +80,7 @@ class _Late:
 
     @classmethod
     def by(cls, delay_s: Array, edges_s: Array) -> "_Late | None":
-        """By `delay_s` (n + 1,) at each edge; None where that is 0. Before the first edge nothing was summed."""
+        """Delay by `delay_s` (n + 1,) at each edge; None if all are 0. The sum is 0 before the first edge."""
         if not np.any(delay_s):
             return None
         at_s = np.clip(edges_s - delay_s, edges_s[0], edges_s[-1])
@@ -92,7 +92,7 @@ class _Late:
         return cls(first, weights)
 
     def __call__(self, increments: Array | float) -> Array | float:
-        """The `increments` (n,), or 0, that late samples of their sum make."""
+        """Increments (n,) of the delayed samples of the sum of `increments` (n,), which may also be 0."""
         if not isinstance(increments, np.ndarray):
             return increments
         total = np.concatenate([[0.0], np.cumsum(increments)])
@@ -101,7 +101,7 @@ class _Late:
 
 
 class Readings:
-    """Sensors' readings of a motion, and of effects along it, with the geometry and the wheels' delays of a chain."""
+    """Sensor readings of a motion, and of effects along it, with a chain's geometry and wheel delays."""
 
     def __init__(self, sensitivities: Sensitivities, chain: Sequence[Selected] = ()):
         self.sensitivities, self.chain = sensitivities, tuple(chain)
@@ -109,16 +109,16 @@ class Readings:
         self._late = _Late.by(delays_s([c for c in chain if _is_delay(c.effect)], edges_s)[1], edges_s)
 
     def along(self, change: Change, is_read: bool = False) -> "Readings":
-        """The same of the motion changed so; `is_read`: into what sensors tell of it."""
+        """The readings along the changed motion; `is_read`: the change turns the motion into the sensors' readings."""
         return Readings(self.sensitivities.along(change), () if is_read else self.chain)
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion, with the wheels' speeds as counters of the chain's geometry tell them."""
+        """The motion, with the wheels' speeds as counted with the chain's geometry."""
         return _with(self.sensitivities.motion, [c for c in self.chain if c.effect.geometry])
 
     def of_wheels(self, effect: Effect | None = None) -> Motion:
-        """The motion as counters tell it, with all of the chain that comes before an effect, or with all of it."""
+        """The motion as counted, with the part of the chain before an effect, or with the whole chain."""
         if effect is not None and effect.acts_on is ActsOn.WHEELS and not effect.geometry:
             return self.motion
         order = list(catalogue())
@@ -139,15 +139,15 @@ class Readings:
         return self.of(effect, errors)
 
     def of(self, effect: Effect, errors: Errors) -> Sensitivity:
-        """Sensitivity to errors that an effect makes, behind the delays that come after it.
+        """Sensitivity to an effect's errors, delayed where delays come after it.
 
-        A delay's own error has the geometry's in it, which is not delayed itself.
+        The geometry's error is not delayed: the delay's own error already includes it.
         """
         made = self.sensitivities.of(errors)
         return self.delayed(made) if effect.acts_on is ActsOn.WHEELS and not effect.geometry else made
 
     def delayed(self, made: Sensitivity) -> Sensitivity:
-        """With the wheels' increments as late as the chain's delays make them."""
+        """Delay the wheels' increments by the chain's delays."""
         if self._late is None:
             return made
         return replace(made, left_m=self._late(made.left_m), right_m=self._late(made.right_m))

@@ -1,4 +1,4 @@
-"""Products of a problem's whitened columns, each taken once: sets of effects are fitted by small matrices. (76)"""
+"""Cached products of a problem's whitened columns, so that sets of effects are fitted with small matrices. (76)"""
 
 from collections.abc import Hashable, Sequence
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from drd_tools.diagnose.results import Array
 
-FIRST, MOST = 64, 1024  # columns whose products there is room for at first, and at most: 8 MB
+FIRST, MOST = 64, 1024  # columns, at first and at most (8 MB of products)
 
 
 class Gram:
-    """Products of data (r,), nuisances (r, q), and columns that are known by their keys."""
+    """Products of data (r,), nuisances (r, q), and columns identified by keys."""
 
     def __init__(self, data: Array, nuisance: Array):
         self._held = np.concatenate([data[None], nuisance.T])

@@ -1,4 +1,4 @@
-"""White noise and columns of unknown size, integrated over. (74)"""
+"""Marginal likelihood: white noise, and columns whose coefficients are integrated out. (74)"""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +9,7 @@ from drd_tools.diagnose.results import Array
 class Marginal:
     """Data of covariance `I + N N'`: noise, and columns N (r, s) whose coefficients have the prior 1.
 
-    Its inverse is taken by `A = N'N + I`, (s, s), as Woodbury has it: s columns are few, r rows many.
+    Its inverse follows from `A = N'N + I`, (s, s), by Woodbury's identity: s columns are few, r rows many.
     """
 
     def __init__(self, columns: Array):
@@ -22,10 +22,10 @@ class Marginal:
         return result
 
     def beside(self, products: npt.NDArray[np.floating], own: Array, other: Array | None = None) -> Array:
-        """Products `X'Y` (p, q) less what N takes of them; `own`: `N'X` (s, p), `other`: `N'Y`, where it is another."""
+        """Products `X'Y` (p, q) with N marginalised out; `own`: `N'X` (s, p), `other`: `N'Y`, if Y is not X."""
         return np.asarray(products - own.T @ np.linalg.solve(self.A, own if other is None else other), float)
 
     def nats(self, residual: Array) -> float:
-        """Log likelihood of a residual (r,), but for a constant."""
+        """Log likelihood of a residual (r,), up to a constant."""
         square = float(residual @ self.projected(residual))
         return -0.5 * square - 0.5 * float(np.linalg.slogdet(self.A)[1])

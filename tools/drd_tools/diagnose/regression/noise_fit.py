@@ -1,4 +1,4 @@
-"""Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly. (77)"""
+"""Robust estimates of the noise from the residual of the selected effects, with data sheets as priors. (77)"""
 
 import math
 from collections.abc import Sequence
@@ -24,32 +24,32 @@ from drd_tools.diagnose.regression.residuals import (
 )
 from drd_tools.diagnose.results import Array, Figures
 
-BELIEVED: Final = 1.5  # a data sheet is, to within a factor of about this
+BELIEVED: Final = 1.5  # a data sheet is right within about this factor
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
-# Sizes that have one factor: of the gyro; of the wheels, sideways, ahead, and against each other.
+# Sizes that share one factor: the gyro's; the wheels' sideways, ahead, and against each other.
 WALK: Final = ("walk_rad_per_sqrt_s",)
 WAY: Final = ("lateral_m_per_sqrt_m", "forward_m_per_sqrt_m")
 WHEELS: Final = (*WAY, "slip_m_per_sqrt_m")
-# Times what it was, then down and up from there while that is likelier; the rounds go further.
+# Multiples of the previous size, tried downwards and upwards while the likelihood rises; later rounds go further.
 FACTORS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
-SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
-# A reference that repeats itself has no noise at all; a filter has to divide by it.
+SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: a guess if robot.yaml does not state it
+# A reference that repeats the same pose shows no noise, but the filter divides by it.
 LEAST_M, LEAST_RAD = 1e-5, 1e-5
-# Times the slip's factor: of speeds that a drive holds for 0.5 s the jitter is 0.14 s.
+# Multiplied by the slip's factor. A drive that holds speeds for 0.5 s has a jitter of 0.14 s.
 JITTERS_S: Final = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2)
-FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
+FAR: Final = 4.0  # sigmas: innovations are clipped here
 
 
 def inflated(problem: Problem, left: Array, noise: Noise) -> Inflation:
-    """Variance inflation, at its worst scale, of what selected effects leave (r,) of the whitened data. (78)
+    """Variance inflation of the whitened residual (r,) of the selected effects, over its worst time scale. (78)
 
-    `noise`: what it will be whitened with. Heavy tails of a robot that is as robot.yaml has it may be an effect's:
-    where it starts and stops, a delay that is not yet found exactly leaves some.
+    `noise`: the noise of the next whitening. If the robot is as in robot.yaml, heavy tails may come from an effect:
+    a delay that is not yet exact leaves some at starts and stops.
     """
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = not_inflated(problem, left)
-    moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
+    moving = ~e.still if len(wheels) else np.zeros(0, bool)  # the gyro's noise at rest has its own size, the walk
     has_tails = e.is_far and bool(len(wheels))
     if has_tails:
         wheels = wheels * np.sqrt(problem.noise.wheels(e) / noise.wheels(e))
@@ -57,20 +57,20 @@ def inflated(problem: Problem, left: Array, noise: Noise) -> Inflation:
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     if not has_tails:
         return Inflation(slow, _slow_fixes(fixes, fix_s))
-    # At rest a reference drifts by itself.
+    # The reference itself drifts at rest.
     moves = moving[e.fix_step]
     parts = (_slow_fixes(fixes[which], fix_s) for which in (moves, ~moves))
     return Inflation(slow * tails(wheels, moving), np.where(moves[:, None], *parts))
 
 
 def _slow_fixes(fixes: Array, every_s: float) -> Array:
-    """Inflation of x and y, which are one, and of heading, (3,)."""
+    """Inflation of x, y and heading, (3,); x and y share one."""
     x, y, heading = (slow_deviation(fixes[:, i], every_s) for i in range(3))
     return np.array([max(x, y), max(x, y), heading])
 
 
 def _slip_and_jitter(problem: Problem, wheels: Array, moving: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """Factor of the slip, and the jitter, s, with which the wheels' rows in motion are likeliest. (77)"""
+    """Most likely slip factor and jitter, s, given the wheels' rows in motion. (77)"""
     e, noise = problem.evidence, problem.noise
     if not e.is_far or moving.sum() < FEWEST_ROWS:
         return deviation(wheels[moving]), noise.jitter_s
@@ -89,9 +89,9 @@ def _slip_and_jitter(problem: Problem, wheels: Array, moving: npt.NDArray[np.boo
 
 
 def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
-    """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them.
+    """Whitened rows of the wheels (none without a gyro) and of the fixes (m, 3), with the inflation undone.
 
-    Without wheels only the fixes' headings are there.
+    Without wheels only the headings of the fixes are non-zero.
     """
     if not problem.evidence.has_wheels:
         headings = left[len(left) - len(problem.evidence.fix) :]
@@ -101,9 +101,9 @@ def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
 
 
 def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
-    """Noise, and variance inflation (m,) of each fix, from what a fit leaves of the whitened data.
+    """Noise, and variance inflation (m,) of each fix, from a fit's whitened residual.
 
-    Of few fixes none is inflated before the search for effects: one by itself may be all that tells of them.
+    Few fixes are not inflated before the search for effects: a single one may be the only evidence.
     """
     e, noise = problem.evidence, problem.noise
     wheels, fixes = not_inflated(problem, fit.left)
@@ -144,22 +144,22 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
 
 
 def _inflated_fixes(white: Array, before: Array) -> Array:
-    """Inflation (m,) of fixes that are far off, (m, 3), and have been inflated `before`."""
+    """Inflation (m,) of outlying fixes, given the whitened fixes (m, 3) and their inflation `before`."""
     inflation: Array = np.maximum(1.0, np.mean(white**2, axis=1) / INFLATED_BEYOND**2 * 3.0) * before
     return inflation
 
 
 def _slip_in_the_long_run(problem: Problem, rows: Array) -> float:
-    """The slip of a wheel over many seconds, m/sqrt(m), as its rows in motion (k,) have it. (77)
+    """Long-run slip of a wheel, m/sqrt(m), from its rows in motion (k,). (77)
 
-    What wheels slip against each other they slip together: few fixes do not tell by themselves how much that is.
+    It stands for the slip common to both wheels, which few fixes do not determine.
     """
     step_s = float(np.median(problem.evidence.step_s))
     return problem.noise.slip_m_per_sqrt_m * _raised_by_jitter(problem) * long_run(rows, step_s)
 
 
 def _walk(problem: Problem, at_rest: Array) -> float:
-    """The gyro's walk by its rows at rest, over seconds: its samples may hang together. As stated, if it may be."""
+    """The gyro's walk from its rows at rest, over seconds (samples may be correlated); as stated if plausible."""
     stated, step_s = problem.evidence.datasheet.walk_rad_per_sqrt_s, float(np.median(problem.evidence.step_s))
     scale = deviation(at_rest)
     walk = problem.noise.walk_rad_per_sqrt_s * scale * slow_deviation(at_rest / scale, step_s, drifts=True)
@@ -169,10 +169,10 @@ def _walk(problem: Problem, at_rest: Array) -> float:
 def _most_likely(
     problem: Problem, fixes: Array, known: list[Sensitivity], noise: Noise, sizes: Sequence[str]
 ) -> tuple[float, Array]:
-    """Factor of some sizes of the noise with which the fixes' innovations are most likely, what is `known` taken off,
-    and the whitened fixes (m, 3) with it.
+    """Most likely factor of some noise sizes, given the fixes' innovations without the `known` sensitivities, and the
+    whitened fixes (m, 3) at that factor.
 
-    Without a gyro nothing else tells how much the wheels slip; with few fixes it stays.
+    Without a gyro nothing else shows how much the wheels slip. The factor is 1 if fixes are few.
     """
     if fixes.size < FEWEST_ROWS:
         return 1.0, fixes
@@ -196,16 +196,16 @@ def _selected(problem: Problem, fit: Fit) -> list[Sensitivity]:
 
 
 def by_direction(problem: Problem, fit: Fit) -> Problem:
-    """The problem, without a gyro with the wheels' noise of each direction as it is likeliest by itself. (77)
+    """The problem with, if there is no gyro, separately fitted wheel noise in each direction. (77)
 
-    One factor for all is as large as the largest, that sideways of real robots: with it hardly any constant of theirs
-    is seen in one drive, and nothing that it hides is taken for another effect. Where many drives tell of what they
-    have in common, each should tell all that it can.
+    A common factor is that of the largest, which on real robots is sideways. In one drive it hides small errors of
+    the constants, so that they are not mistaken for other effects. Where many drives determine what they have in
+    common, each should contribute all its information.
     """
     e = problem.evidence
     if e.gyro_rad is not None or not e.has_wheels or len(e.fix) < FEWEST_ROWS:
         return problem
-    # Where an effect and the reference's own faults cancel, neither may be taken off without the other.
+    # An effect and the reference's own errors may cancel: neither may be subtracted without the other.
     faults = [s * (sigma * x) for (_, sigma, s), x in zip(problem.nuisances, fit.nuisance, strict=True)]
     known, noise, fixes = [*_selected(problem, fit), *faults], problem.noise, not_inflated(problem, fit.left)[1]
     for size in WHEELS:
@@ -215,8 +215,8 @@ def by_direction(problem: Problem, fit: Fit) -> Problem:
 
 
 def score_with_noise(problem: Problem, fit: Fit) -> float:
-    """Score of a fit, nats, that is comparable between noises: the fixes' and, with a gyro, that of the wheels' rows,
-    whatever their colour. (77), (78)
+    """Score of a fit, nats, comparable between noise sizes: from the fixes and, with a gyro, the wheels' rows under
+    their most likely spectrum. (77), (78)
     """
     e = problem.evidence
     wheels, fixes = not_inflated(problem, fit.left)
@@ -230,7 +230,7 @@ def score_with_noise(problem: Problem, fit: Fit) -> float:
 
 
 def _nats(linear: Linear, left: Array) -> float:
-    """Log likelihood of what is left of the whitened fixes (m, 3), and of slip or walk before any data. (77)"""
+    """Log likelihood of the fixes' whitened residual (m, 3), plus the log prior of slip or walk. (77)"""
     noise, sheet = linear.noise, linear.evidence.datasheet
     ratio = noise.forward_m_per_sqrt_m / sheet.slip_m_per_sqrt_m
     if not linear.evidence.has_wheels:
@@ -240,7 +240,7 @@ def _nats(linear: Linear, left: Array) -> float:
 
 
 def ratios(problem: Problem) -> Figures:
-    """Ratios of a problem's noise to what is stated; of the wheels' with their jitter, which nobody states."""
+    """Ratios of a problem's noise to the stated one; the wheels' includes their jitter, which is never stated."""
     noise, stated = problem.noise, problem.evidence.datasheet
     found: Figures = {"heading": noise.heading_rad / stated.heading_rad}
     found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
@@ -251,7 +251,7 @@ def ratios(problem: Problem) -> Figures:
 
 
 def _raised_by_jitter(problem: Problem) -> float:
-    """Deviation of the wheels' rows in motion over that without jitter."""
+    """Ratio of the deviations of the wheels' rows in motion with and without jitter."""
     noise, moving = problem.noise, ~problem.evidence.still
     if not noise.jitter_s:
         return 1.0
@@ -260,6 +260,6 @@ def _raised_by_jitter(problem: Problem) -> float:
 
 
 def scaled(noise: Noise, factor: float, sizes: Sequence[str]) -> Noise:
-    """Noise with `factor` times some of its sizes."""
+    """Multiply some sizes of the noise by `factor`."""
     changed: Any = {name: getattr(noise, name) * factor for name in sizes}
     return replace(noise, **changed)

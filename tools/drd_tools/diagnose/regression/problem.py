@@ -22,35 +22,35 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
 
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
-# An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form. Or an effect,
-# all its values, and a slope.
+# An effect, its shape (the nonlinear parameters), and the name of a linear one, "" or a form; or an effect, all its
+# values, and a slope.
 Wanted = tuple[Effect, Values, str]
 
 CACHED_BYTES: Final = 150e6  # of whitened columns in one problem: limits the memory
-# Rounds in which effects are taken off along the motion cleared of them: the second changes second order only.
+# Rounds of removing effects along the motion cleared of them: the second changes only second-order terms.
 CLEARINGS: Final = 2
 FORM: Final = "form "
 SLOPE: Final = "slope "
 
 
 class Inflation(NamedTuple):
-    """Inflation of the innovations' slow part over white noise, in sigmas: of the wheels, and of x, y, heading.
+    """Long-run inflation of the innovations over white noise, in sigmas: of the wheels, and of x, y, heading.
 
-    Real slip and real references hang together over seconds. What is whitened as if they did not would find something
-    everywhere; divided by this, a slow sensitivity has the weight that it deserves. Where the wheels' tails are heavy
-    each of their rows has its own, (n,), and on real ground each fix, (m, 3), by whether the robot moves.
+    Real slip and real references are correlated over seconds. Whitened as if they were not, the data would show
+    effects everywhere; divided by this, a slow sensitivity has its correct weight. If the wheels' tails are heavy, each
+    of their rows has its own, (n,); on real ground so has each fix, (m, 3), depending on whether the robot moves.
     """
 
     wheels: float | Array = 1.0
     fixes: Array = np.ones(3)
 
     def of_another_drive(self) -> "Inflation":
-        """The same for other rows: one for all of the wheels', and of the fixes, with the mean of their information."""
+        """The inflation for other rows: one for all wheel rows and one for all fixes, with their mean information."""
         return Inflation(float(_mean_inflation(np.reshape(self.wheels, (-1, 1)))[0]), _mean_inflation(self.fixes))
 
 
 def _mean_inflation(sizes: Array) -> Array:
-    """The one, of each column, with the mean of the rows' information."""
+    """The inflation of each column that corresponds to the mean information of its rows."""
     rows = np.atleast_2d(sizes)
     return np.asarray(np.mean(rows**-2.0, axis=0) ** -0.5 if len(rows) else np.ones(rows.shape[1]), float)
 
@@ -59,7 +59,7 @@ NOT_INFLATED: Final = Inflation()
 
 
 class Problem:
-    """Regression of a recording, linear around its best path, with noise of given sizes."""
+    """Regression of a recording, linearised around its best path, with noise of given sizes."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class Problem:
         self._gram: Gram | None = None
 
     def exact(self) -> "Problem":
-        """A problem in which causes have the catalogue's form, as in simulation they do, and no other shape."""
+        """The problem without model discrepancy: causes have exactly the catalogue's form, as in simulation."""
         made = copy(self)
         made._is_exact = True
         return made
@@ -107,15 +107,15 @@ class Problem:
         return made
 
     def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
-        """A problem with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
+        """A problem restricted to some rows, with `data` (r,). `held` (r, s) replaces the nuisances."""
         made = self.with_data(data[rows])
         made._rows = rows
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
     def along(self, change: Change, is_read: bool = False) -> "Problem":
-        """A problem with the effects' sensitivities along the motion changed so; `is_read`: into what sensors tell of
-        it, to which the selected geometry and delays are not added again.
+        """The problem with sensitivities along the changed motion. `is_read`: the change turns the motion into the
+        sensors' readings, to which the selected geometry and delays are not added again.
         """
         made = copy(self)
         made.readings, made._cache, made._gram = self.readings.along(change, is_read), {}, None
@@ -133,16 +133,16 @@ class Problem:
         return math.log(len(catalogue()))
 
     def penalty(self, selection: Sequence[Selected]) -> float:
-        """Penalty of effects and their parameters, nats. What has one sign only has a prior twice as dense."""
+        """Penalty of effects and their parameters, nats. A parameter of one sign has twice the prior density."""
         one_sided = sum(not c.parameter(name).signed and c.parameter(name).linear for c in selection for name in c.free)
         return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection) - math.log(2.0) * one_sided
 
     def with_noise(self, noise: Noise, fix_inflation: Array | None, inflation: Inflation) -> "Problem":
-        """The problem around the same path, its data as they are, with noise of other sizes."""
+        """The problem with the same path and data, but other noise."""
         return Problem(self.evidence, self.path, noise, fix_inflation, inflation=inflation, near=self)
 
     def around(self, selection: Sequence[Selected]) -> "Problem":
-        """Relinearise around the path, and along the motion, that the sensors give once the effects are taken off."""
+        """Relinearise around the path and the motion that the sensors give once the effects are removed."""
         cleared = self.cleared(selection)
         if len(cleared.fix):
             self._inflated = inflated_model(cleared, self.path, self._inflated)
@@ -154,20 +154,20 @@ class Problem:
         )
 
     def cleared(self, selection: Sequence[Selected]) -> Evidence:
-        """The evidence without the selected effects: what, with them added, gives the readings."""
+        """The evidence with the selected effects removed; adding them gives the readings."""
         raw = self.evidence
         gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
         clear, body, added = raw, Sensitivity(), Sensitivity()
         for i in range(CLEARINGS):
-            if i:  # along the motion that is cleared already
-                # Where no fix holds the path, the old one would drag shifted turns back into their old place.
+            if i:  # along the motion that is already cleared
+                # If no fix constrains the path, the old one would drag shifted turns back to their old place.
                 sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
                 readings = Readings(sensitivities, chain_of(selection))
                 body, added = sensitivities.body, Sensitivity()
                 for selected in selection:
                     added = added + readings.sensitivity(selected.effect, selected.values)
-            # A delay is undone by a shift; subtracting it would amplify what is fast.
+            # Undo a delay by a shift: subtracting it would amplify high frequencies.
             gyro = raw.gyro_rad
             if gyro is not None:
                 gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
@@ -179,8 +179,8 @@ class Problem:
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
         """Whiten: rows (r, p), first those of the wheels against the gyro, in order of time, then those of the fixes.
 
-        Those of absent sensors are left out: without a gyro the first, without wheels the fixes' positions, and of the
-        first all but those at standstill.
+        Rows of absent sensors are left out: without a gyro the first kind; without wheels the fixes' positions, and all
+        of the first kind except those at standstill.
         """
         rows, n = self.linear.rows(sensitivities, dtype), len(self.evidence.step_s)
         rows[:n] /= np.reshape(self.inflation.wheels, (-1, 1))
@@ -188,9 +188,9 @@ class Problem:
         return rows[self.evidence.observed]
 
     def adjoint(self, rows: Array) -> Array:
-        """Transposed `whiten`: of rows (r,), what a unit of each step's increments projects onto them.
+        """Transpose of `whiten`: projection of rows (r,) on the response to a unit of each step's increments.
 
-        (n, 4): of gyro, left, right and lateral.
+        (n, 4): gyro, left, right and lateral.
         """
         n = len(self.evidence.step_s)
         every = np.zeros(n + 3 * len(self.evidence.fix))
@@ -213,7 +213,7 @@ class Problem:
         return self.readings.sensitivity(effect, values)
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
-        """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
+        """Sensitivity to a unit of a linear parameter ("" if it has none), to another form, or to a slope."""
         if name == SCALE.name:
             return self.readings.of(effect, beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
@@ -230,7 +230,7 @@ class Problem:
         return self.sensitivity(effect, {**shape, **none, name: 1.0} if name else shape)
 
     def units(self, wanted: Sequence[Wanted]) -> list[Array]:
-        """Whitened sensitivities (r,) of units; each is made once."""
+        """Whitened sensitivities (r,) to units; each is computed once."""
         return self._units(wanted, _keys(wanted))
 
     def _units(self, wanted: Sequence[Wanted], keys: Sequence[Key]) -> list[Array]:
@@ -251,7 +251,7 @@ class Problem:
         return self._gram.of(keys, self._units(wanted, keys))
 
     def combined(self, coefficients: Array, wanted: Sequence[Wanted]) -> Array:
-        """The sum (r,) of the data, the nuisances, and m units, each times its coefficient, (1 + q + m,)."""
+        """Linear combination (r,) of the data, the nuisances, and m units, with coefficients (1 + q + m,)."""
         held, own = coefficients[: len(coefficients) - len(wanted)], coefficients[len(coefficients) - len(wanted) :]
         total: Array = held[0] * self.data + self.nuisance @ held[1:]
         for factor, unit in zip(own, self.units(wanted), strict=True):
@@ -263,13 +263,13 @@ class Problem:
         return float(np.linalg.norm(self.effect_rows([selected]))) * self.unit_shapes(selected)
 
     def unit_shapes(self, selected: Selected) -> Array:
-        """Other shapes of a selected effect's cause, (r, s), each of norm 1; none of what the rows do not show."""
+        """Other shapes of a selected effect's cause, (r, s), each of norm 1; those that no row shows are left out."""
         rows = self.units(self.wanted_shapes(selected))
         seen = [r / norm for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
         return as_columns(seen, len(self.data))
 
     def wanted_shapes(self, selected: Selected) -> list[Wanted]:
-        """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""
+        """Units of the other shapes of a selected effect's cause; the effect's rounded parameters suffice for them."""
         if self._is_exact:
             return []
         rough = {
@@ -285,7 +285,7 @@ class Problem:
         return [(selected.effect, rough, f"{FORM}{i}") for i in range(count)]
 
     def wanted_rows(self, selection: Sequence[Selected]) -> list[Wanted]:
-        """Units that the rows of the selected effects are made of."""
+        """Units of which the rows of the selected effects are linear combinations."""
         return [
             (c.effect, shape_of(c.effect, c.values), name)
             for c in selection
@@ -306,7 +306,7 @@ class Problem:
         for selected in selection:
             shape, names = shape_of(selected.effect, selected.values), linear_names(selected.effect, selected.values)
             for name in selected.free:
-                # Differences are taken before they are whitened: so it is one column, whatever moves it.
+                # Differences are taken before whitening: one column per parameter.
                 wanted.append(
                     (selected.effect, shape, name)
                     if name in names
@@ -315,7 +315,7 @@ class Problem:
         return wanted
 
     def tangents(self, selection: Sequence[Selected]) -> Array:
-        """Derivatives of the explained with respect to all free parameters, (r, k)."""
+        """Derivatives of the explained data with respect to all free parameters, (r, k)."""
         return as_columns(self.units(self.wanted_tangents(selection)), len(self.data))
 
 
@@ -324,7 +324,7 @@ def _keys(wanted: Sequence[Wanted]) -> list[Key]:
 
 
 def as_columns(rows: Sequence[Array], length: int) -> Array:
-    """Columns (r, k), each in one piece: to spread them over rows takes longer than what is computed with them."""
+    """Stack as columns (r, k), each contiguous: interleaving them would take longer than the computation."""
     return np.array(rows).reshape(len(rows), length).T
 
 

@@ -1,4 +1,4 @@
-"""Fit the parameters of effects together: Gauss and Newton, each step bounded where the model is not linear."""
+"""Fit the parameters of effects jointly by Gauss-Newton steps, bounded where the model is nonlinear."""
 
 import math
 from collections.abc import Sequence
@@ -12,17 +12,17 @@ from drd_tools.diagnose.regression.problem import Problem, Wanted, factors_of
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-ROUNDS: Final = 12  # at most; it ends before where it converges: limits the time
-ENOUGH_NATS: Final = 0.02  # that a whole step would still bring
-LONGER, SHORTEST = 3.0, 0.05  # the next share of the moves, of the last, where that was good and where not
+ROUNDS: Final = 12  # at most, fewer on convergence: limits the time
+ENOUGH_NATS: Final = 0.02  # converged if a full step gains less
+LONGER, SHORTEST = 3.0, 0.05  # bounds of the next step length over the last, after success and failure
 FAIR_ROUNDS: Final = 2  # before a set of effects may be given up
-HOPELESS_NATS: Final = 30.0  # that a score lies below what is asked for, although the linear model was followed
-CLEAR_ROUNDS: Final = 3  # after so many, if
-HOPED: Final = 5.0  # times what the linear model still expects would not be enough
-PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
-ROUNDING: Final = 1e-14  # of the products of columns: where counters leap by a kilometre it is more than their priors
-UNSEEN: Final = 1e-60  # square of a column that is all rounding: its inverse would overflow
-FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
+HOPELESS_NATS: Final = 30.0  # shortfall of a score from the target, after the step of the linear model
+CLEAR_ROUNDS: Final = 3  # after so many rounds, give up if
+HOPED: Final = 5.0  # times the gain that the linear model still predicts is not enough
+PRIOR_SIZES: Final = 3.0  # prior sigma of a parameter, in its largest plausible sizes
+ROUNDING: Final = 1e-14  # of the columns' products: if counters leap by a kilometre it exceeds their priors
+UNSEEN: Final = 1e-60  # square of a column of rounding errors only: its inverse would overflow
+FREE: Final = 1e6  # prior sigma, in the data's sigmas, of practically free parameters
 DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
 
 
@@ -30,7 +30,7 @@ DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue 
 class Fit:
     """Selected effects with fitted parameters.
 
-    `cost`: nats by which the data are unlikely under the selected effects, nuisances and other shapes integrated over.
+    `cost`: negative log likelihood, nats, of the data, with nuisances and other shapes integrated out.
     `nuisance`: coefficients in units of their priors. `left` (r,): whitened data less effects, nuisances and shapes.
     """
 
@@ -41,14 +41,14 @@ class Fit:
 
 
 def refine(problem: Problem, selection: Sequence[Selected]) -> Fit:
-    """Improve the parameters until the cost stays."""
+    """Improve the parameters until the cost converges."""
     return refine_all(problem, [selection])[0]
 
 
 def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: float = -math.inf) -> list[Fit]:
-    """Refine several sets of effects side by side: passing all their sensitivities at once costs little more than one.
+    """Refine several sets of effects together: whitening all sensitivities at once costs little more than one.
 
-    Those that will clearly not reach the score `least` are left as they are.
+    Sets that will clearly not reach the score `least` are abandoned early.
     """
     searches = [_Descent(problem, tuple(selection), least) for selection in sets]
     for _ in range(ROUNDS):
@@ -71,8 +71,8 @@ class _Descent:
         self._rounds = 0
         self._best: _Evaluated | None = None
         self._moves: Array = np.zeros(0)
-        self._share = 1.0  # of the moves, that is tried
-        self._gain = 0.0  # that all of them would bring where the model is linear, nats
+        self._share = 1.0  # of the moves: the step length
+        self._gain = 0.0  # of the whole moves by the linear model, nats
         self.done = False
 
     def _set_out(self, selection: tuple[Selected, ...]) -> None:
@@ -85,7 +85,7 @@ class _Descent:
 
     @property
     def fit(self) -> Fit:
-        """The best that was found."""
+        """The best fit found."""
         best = self._best
         assert best is not None
         left = self._problem.combined(best.left, best.wanted)
@@ -96,12 +96,12 @@ class _Descent:
         tried = _evaluate(self._problem, self._current, self.units)
         self._rounds += 1
         if self._best is None or tried.cost < self._best.cost - 1e-9:
-            # Where the moves were too long they will be so again.
+            # If the last moves were too long, the next ones probably are, too.
             self._best, self._moves, self._share = tried, tried.moves, min(1.0, LONGER * self._share)
             self._gain = tried.cost - tried.reachable
             self.done = self._is_hopeless(tried.cost)
         else:
-            # The parabola through both costs, with the slope that the linear model has.
+            # Minimum of the parabola through both costs, with the slope of the linear model.
             least = self._share * self._gain / (tried.cost - self._best.cost + 2.0 * self._share * self._gain)
             self._share *= min(max(least, SHORTEST), 0.5)
         self.done = self.done or self._share * self._gain < ENOUGH_NATS
@@ -110,10 +110,10 @@ class _Descent:
 
 
 class _Evaluated(NamedTuple):
-    """Effects as they are: their cost, nats (74), and the nuisances' coefficients (q,).
+    """Cost of effects at given parameters, nats (74), and the nuisances' coefficients (q,).
 
-    `moves` (k,) of the free parameters, as a linear model proposes them (76), and the cost `reachable` by them.
-    `left` (1 + q + m,): what is left of the data, as coefficients of data, nuisances and the units `wanted`.
+    `moves` (k,): Gauss-Newton step of the free parameters (76). `reachable`: its cost by the linear model.
+    `left` (1 + q + m,): the residual, as coefficients of data, nuisances and the units `wanted`.
     """
 
     selection: tuple[Selected, ...]
@@ -126,9 +126,9 @@ class _Evaluated(NamedTuple):
 
 
 class _Units:
-    """Units of a set of effects: `wanted`, and which are each effect's rows, tangents and other shapes.
+    """Units `wanted` of a set of effects, and which of them are each effect's rows, tangents and other shapes.
 
-    Of the columns whose products `Problem.products` gives: the data, the nuisances, and the units.
+    Slices count the columns of `Problem.products`: the data, the nuisances, and the units.
     """
 
     def __init__(self, problem: Problem, selection: Sequence[Selected]):
@@ -145,7 +145,7 @@ class _Units:
 
 
 def _evaluate(problem: Problem, selection: tuple[Selected, ...], units: _Units) -> _Evaluated:
-    """Cost of effects as they are, all by products of columns: those of many rows are taken once, by `Gram`."""
+    """Evaluate effects at their parameters from products of columns, which `Gram` computes over the rows once."""
     G, q = problem.products(units.wanted), problem.nuisance.shape[1]
     columns = np.eye(len(G))
     residual, tangents = columns[0], np.concatenate([columns[:0], *(columns[t] for t in units.tangents)])
@@ -161,13 +161,13 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...], units: _Units) 
     L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     left = residual - x @ N
-    # Of the nuisances' determinant a constant part is the same for all selected effects.
+    # The nuisances' determinant includes a constant part, the same for every selection.
     cost = 0.5 * float(residual @ G @ residual - b @ x) + float(np.log(np.diag(L)).sum())
     off, weight = _measured(selection)
     cost += 0.5 * float(off @ (weight * off))
     if not len(tangents):
         return _Evaluated(selection, cost, x[:q], off, cost, units.wanted, left)
-    # In the directions that nuisances and shapes leave.
+    # Projected off nuisances and shapes.
     priors, C = np.concatenate([precisions(c) for c in selection]) + weight, N @ G @ tangents.T
     inverse = _inverse(tangents @ G @ tangents.T - C.T @ np.linalg.solve(A, C) + np.diag(priors))
     g = tangents @ G @ left - weight * off
@@ -177,7 +177,7 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...], units: _Units) 
 
 
 def _beyond(shapes: Array, tangents: Array, G: Array) -> Array:
-    """Shapes (s, p) of norm 1, less what tangents (k, p) can make of them; of columns whose products are G (p, p)."""
+    """Shapes (s, p), scaled to norm 1, less their projection on tangents (k, p); G (p, p): products of the columns."""
     norms = np.sqrt(np.maximum(np.sum(shapes @ G * shapes, axis=1), 0.0))
     F: Array = shapes[norms > 0.0] / norms[norms > 0.0, None]
     if F.size and tangents.size:
@@ -186,10 +186,10 @@ def _beyond(shapes: Array, tangents: Array, G: Array) -> Array:
 
 
 class Response(NamedTuple):
-    """Response of the effects' free parameters (k,), one selected effect after the other, to what is not certain.
+    """Uncertainty of the effects' free parameters (k,), in the order of the selected effects.
 
-    `covariance` (k, k). `discrepancy_shapes` (k, s): what other shapes of the effects' causes, each as large as its
-    effect, move them by.
+    `covariance` (k, k). `discrepancy_shapes` (k, s): displacement of the parameters by other shapes of the effects'
+    causes, each as large as its effect.
     """
 
     covariance: Array
@@ -197,7 +197,7 @@ class Response(NamedTuple):
 
 
 def response(problem: Problem, fit: Fit) -> Response:
-    """Response of the parameters of a fit."""
+    """Compute the response of a fit's parameters."""
     selection = fit.selection
     T = problem.tangents(selection)
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])
@@ -216,7 +216,7 @@ def joint_covariance(problem: Problem, fit: Fit) -> Array:
 
 
 def _inverse(S: Array) -> Array:
-    """Inverse of a symmetric matrix (k, k), 0 for what is not seen."""
+    """Inverse of a symmetric matrix (k, k), 0 for unobserved parameters."""
     if len(S) == 1:
         return np.where(S > UNSEEN, 1.0 / np.maximum(S, UNSEEN), 0.0)
     scale: Array = np.where(np.diag(S) > UNSEEN, 1.0 / np.sqrt(np.maximum(np.diag(S), UNSEEN)), 0.0)
@@ -225,9 +225,9 @@ def _inverse(S: Array) -> Array:
 
 
 def discrepancies(problem: Problem, selected: Selected) -> Array:
-    """Other shapes of an effect's cause (r, s), as large as they may be, less what its own parameters can make of them.
+    """Model discrepancy of an effect (r, s): other shapes of its cause, less their projection on its own tangents.
 
-    What is left of them cannot be traded for the parameters: they keep their meaning. (75)
+    The remainder is orthogonal to the parameters, which therefore keep their meaning. (75)
     """
     F, T = problem.unit_shapes(selected).T, problem.tangents([selected]).T
     if F.size and T.size:
@@ -236,7 +236,7 @@ def discrepancies(problem: Problem, selected: Selected) -> Array:
 
 
 def nuisance_columns(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
-    """Columns of prior 1: shapes of the effects' causes (r, s); nuisances, and parameters as good as free (r, k)."""
+    """Columns of prior 1: shapes of the effects' causes (r, s); nuisances and practically free parameters (r, k)."""
     T = problem.tangents(selection)
     norms = np.linalg.norm(T, axis=0)
     seen = norms > 0.0
@@ -250,13 +250,13 @@ def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
 
 
 def precisions(selected: Selected) -> Array:
-    """Inverse variances (k,) of the free parameters before any data: what is implausible."""
+    """Inverse prior variances (k,) of the free parameters, from their plausible sizes."""
     sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(selected.parameter, selected.free)]
     return 1.0 / np.array(sizes) ** 2
 
 
 def _measured(selection: Sequence[Selected]) -> tuple[Array, Array]:
-    """How far the free parameters (k,) are from what else has measured them, and the inverse variances of that."""
+    """Differences (k,) of the free parameters from their measured priors, and the inverse variances of those."""
     pairs = [(c.number(name), c.prior.get(name)) for c in selection for name in c.free]
     off = np.array([0.0 if prior is None else at - prior[0] for at, prior in pairs])
     return off, np.array([0.0 if prior is None else prior[1] ** -2 for _, prior in pairs])
@@ -272,7 +272,7 @@ def _with_covariance(selection: Sequence[Selected], covariance: Array) -> tuple[
 
 
 def _moved(selection: Sequence[Selected], moves: Array) -> tuple[Selected, ...]:
-    """Take the moves, bounded where the model is not linear."""
+    """Apply the moves, bounded where the model is nonlinear."""
     result, i = [], 0
     for selected in selection:
         values = dict(selected.values)

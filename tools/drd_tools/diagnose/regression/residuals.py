@@ -1,4 +1,4 @@
-"""Deviation, tails and colour of whitened residuals, which are white and of deviation 1 where the noise is right."""
+"""Deviation, tails and colour of whitened residuals, which are white and of deviation 1 if the noise is right."""
 
 import math
 from typing import Final, NamedTuple
@@ -10,21 +10,21 @@ from scipy.special import gammaln, ndtri, stdtrit
 from drd_tools import robust
 from drd_tools.diagnose.results import Array
 
-FEWEST_ROWS: Final = 50  # a deviation of fewer is known to 12 % or worse
-ROWS_PER_PRIOR: Final = 30  # so many weigh as much as the belief that it is 1
-SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which hang together over seconds
-FEWEST_BLOCKS: Final = 20  # a deviation of fewer blocks is mostly scatter
-TOGETHER_S: Final = (0.3, 0.5, 1.0, 2.0, 4.0)  # of slip: from a row or two to the longest of the spans
+FEWEST_ROWS: Final = 50  # fewer determine a deviation to 12 % or worse
+ROWS_PER_PRIOR: Final = 30  # weight of the prior of 1, in rows
+SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which are correlated over seconds
+FEWEST_BLOCKS: Final = 20  # the deviation of fewer is mostly scatter
+TOGETHER_S: Final = (0.3, 0.5, 1.0, 2.0, 4.0)  # correlation times of slip, from a row or two upwards
 SHARES: Final = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)  # of the variance
-LEAST_COLOUR: Final = 1.15  # less is taken for the scatter of the estimate
-# Degrees of freedom of the wheels' tails: from what real skid steer shows (3 to 4) to what is hardly a tail.
+LEAST_COLOUR: Final = 1.15  # less may be scatter of the estimate
+# Degrees of freedom of the wheels' tails, around those of real skid steer (3 to 4), up to nearly Gaussian.
 FREEDOMS: Final = (2.5, 3.0, 4.0, 6.0, 10.0)
-HEAVY_NATS: Final = 50.0  # that tails must gain: simulated noise, which has none, gains less than 5
+HEAVY_NATS: Final = 50.0  # required gain of tails: simulated noise, which has none, gains less than 5
 LEAST_MEDIAN: Final = 1e-9  # rows without noise
 
 
 def deviation(rows: Array) -> float:
-    """Robust deviation of rows that should have 1, shrunk towards 1 where they are few."""
+    """Robust deviation of rows, shrunk towards the expected 1 if they are few."""
     if len(rows) < FEWEST_ROWS:
         return 1.0
     found = robust.deviation(rows)
@@ -33,7 +33,7 @@ def deviation(rows: Array) -> float:
 
 
 class Students(NamedTuple):
-    """Student's t that rows (k,) are likeliest from, a Gaussian of nu = inf among them."""
+    """Most likely Student's t of rows (k,); a Gaussian has nu = inf."""
 
     nu: float
     scale: float
@@ -41,7 +41,7 @@ class Students(NamedTuple):
 
 
 def students(rows: Array) -> Students:
-    """The likeliest of FREEDOMS; a Gaussian, which tails must beat by HEAVY_NATS. (78)"""
+    """Fit Student's t over FREEDOMS; a Gaussian unless the tails gain HEAVY_NATS. (78)"""
     median = max(float(np.median(np.abs(rows))), LEAST_MEDIAN)
     squares, found = rows**2, []
     for nu in FREEDOMS:
@@ -56,7 +56,7 @@ def students(rows: Array) -> Students:
 
 
 def tails(rows: Array, moving: npt.NDArray[np.bool_]) -> float | Array:
-    """Inflation of each row by Student's t: root of 1 + u^2/nu, 1 at rest; 1 where a Gaussian does as well. (78)"""
+    """Inflation of each row by Student's t: root of 1 + u^2/nu, 1 at rest; 1 if a Gaussian fits as well. (78)"""
     seen = rows[moving]
     found = students(seen) if len(seen) >= FEWEST_ROWS else None
     if found is None or math.isinf(found.nu):
@@ -65,9 +65,9 @@ def tails(rows: Array, moving: npt.NDArray[np.bool_]) -> float | Array:
 
 
 def slow_deviation(rows: Array, every_s: float, drifts: bool = False) -> float:
-    """Deviation of means over some seconds, times the root of their rows: 1 where the rows are white.
+    """Deviation of block means, times the root of the rows per block, over the worst block length: 1 for white rows.
 
-    `drifts`: of each mean from the one before, which is the Allan deviation: what changes over minutes is no noise.
+    `drifts`: use the Allan deviation, of differences of successive means: changes over minutes are not noise.
     """
     worst = 1.0
     for span_s in SPANS_S:
@@ -79,27 +79,27 @@ def slow_deviation(rows: Array, every_s: float, drifts: bool = False) -> float:
         if drifts:
             means = np.diff(means) / 2.0**0.5
         found = robust.deviation(means)
-        # The scatter of such an estimate must not pass for colour.
+        # Scatter of this estimate must not be mistaken for colour.
         worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
     return worst if worst > LEAST_COLOUR else 1.0
 
 
 class Colour(NamedTuple):
-    """Long-run deviation of rows, as their likeliest spectrum has it, and its log likelihood but for a constant."""
+    """Long-run deviation of rows under their most likely spectrum, and its log likelihood up to a constant."""
 
     long_run: float
     nats: float
 
 
 def long_run(rows: Array, every_s: float) -> float:
-    """Long-run deviation of rows over their own, as white noise and one that hangs together for some time. (78)"""
+    """Long-run deviation of whitened rows, at least 1, modelled as white plus correlated noise. (78)"""
     return max(colour(rows, every_s).long_run, 1.0) if len(rows) >= FEWEST_ROWS else 1.0
 
 
 def colour(rows: Array, every_s: float) -> Colour:
-    """The likeliest spectrum (Whittle 1953): all rows tell it, where blocks of seconds are few."""
+    """Most likely spectrum (Whittle 1953), which uses all rows even if blocks of seconds are few."""
     power = np.abs(np.fft.rfft(rows - rows.mean())[1:]) ** 2 / len(rows)
-    if not power.any():  # rows that are all the same, as of a sensor that says nothing
+    if not power.any():  # all rows equal, as from a silent sensor
         return Colour(1.0, 0.0)
     found = Colour(1.0, -math.inf)
     omega = np.pi * np.arange(1, len(power) + 1) / (0.5 * len(rows))
