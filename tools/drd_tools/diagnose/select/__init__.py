@@ -1,1 +1,1 @@
-"""The selection of effects from the catalogue, and of smooth curves without a name that compete with them."""
+"""Selection of effects from the catalogue, and of unnamed smooth curves that compete with them."""

@@ -1,4 +1,4 @@
-"""Effects of one interval of time: every interval of a fine grid is looked at, from the sensitivities of its pieces."""
+"""Effects limited to an interval of time: all intervals of a fine grid are scored from its pieces' sensitivities."""
 
 import itertools
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ from drd_tools.diagnose.selected import Selected, Values, parameter
 Columns = npt.NDArray[np.float32]
 Pieces = npt.NDArray[np.intp]
 
-PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
-LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no interval
-MEET_S: Final = 5.0  # a hole that the grid of pieces leaves between two finds of one interval
+PIECES: Final = 32  # a multiple of the pieces in the catalogue's own variants
+LONGEST: Final = PIECES // 2  # longer effects are found in part and then extended; permanent ones are no interval
+MEET_S: Final = 5.0  # longest gap that the grid leaves between two parts of one interval
 FEWEST_SIZES: Final = 6  # their scatter is known to 30 %
 LEAST_SCATTER: Final = 1.5  # less may be chance: intervals overlap
 MOVES: Final = (0.003, 0.006, 0.012, 0.024)  # of a recording: the catalogue's own moments are 0.025 apart
-LEFT_SHARE: Final = 1e-2  # of an interval's square that what is held beside it must leave
+LEFT_SHARE: Final = 1e-2  # of an interval's square that must remain after projecting out the held effects
 
 
 def is_of_interval(effect: Effect) -> bool:
-    """Whether an effect acts from `t0` until `t1`, and has sizes besides."""
+    """Whether an effect's parameters are `t0`, `t1` and linear sizes."""
     linear = effect.linear()
     return bool(linear) and {q.name for q in effect.parameters} == {START.name, END.name, *linear}
 
 
 class Best(NamedTuple):
-    """An interval: what it explains, nats; its times; and the sizes."""
+    """An interval: the nats it explains, its times, and the sizes."""
 
     nats: float
     shape: dict[str, float | str]
@@ -60,8 +60,8 @@ class Intervals:
         return total
 
     def best(self, names: tuple[str, ...], G: Array, b: Array) -> Best | None:
-        """The interval in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
-        the data, beside what is held. Sizes have the signs that the effect asks for.
+        """The interval in which the named sizes explain most, with their required signs. `G`, `b`: products of the
+        columns with each other and with the data, after projecting out the held effects.
         """
         i, j = np.triu_indices(PIECES + 1, 1)
         b_of, G_of, known = self._sums(names, G, b, i, j)
@@ -78,8 +78,8 @@ class Intervals:
         return Best(float(nats[w]), shape, x[w]) if nats[w] > 0.0 else None
 
     def scatter(self, selected: Selected, G: Array, b: Array) -> float:
-        """Root mean square of the sizes that a fit leaves to intervals as long as the selected effect's, elsewhere, in
-        their own deviations; 1 where that is as it should be, or few are there. `G`, `b`: as for `best`. (87)
+        """Root mean square of the sizes that a fit leaves in equally long intervals elsewhere, in their own deviations;
+        1 if it is not significantly larger, or these are few. `G`, `b`: as for `best`. (87)
         """
         begin_s, end_s = selected.interval_s or (0.0, 0.0)
         names = [name for name in self.names if name in selected.free]
@@ -93,7 +93,7 @@ class Intervals:
             return 1.0
         inverse = np.linalg.pinv(G_of[seen], hermitian=True)
         sizes, variances = np.einsum("wij,wj->wi", inverse, b_of[seen]), np.einsum("wii->wi", inverse)
-        # Products of single precision of two sizes that do the same may be no covariance.
+        # In single precision, two nearly equal columns may give an indefinite covariance.
         known = variances > 0.0
         found = float(np.sqrt(np.mean(sizes[known] ** 2 / variances[known]))) if known.any() else 1.0
         return found if found > LEAST_SCATTER else 1.0
@@ -101,8 +101,8 @@ class Intervals:
     def _sums(
         self, names: Sequence[str], G: Array, b: Array, i: Pieces, j: Pieces
     ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Products of sizes with the data (w, k) and among themselves (w, k, k) in the intervals from i to j, and
-        whether what is held leaves something of each size.
+        """Products of sizes with the data (w, k) and with each other (w, k, k) in the intervals from i to j, and
+        whether every size is still visible after projecting out the held effects.
         """
         k, index = len(names), np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
         sums = np.pad(np.cumsum(b[index].reshape(k, PIECES), axis=1), ((0, 0), (1, 0)))
@@ -121,15 +121,15 @@ def _squares(G: Array, k: int, i: Pieces, j: Pieces) -> Array:
 
 
 def same_window(selected: Selected) -> list[Selected]:
-    """Other effects of an interval of time, in the interval of a selected effect."""
+    """Other interval effects, in the interval of a selected effect."""
     if selected.interval_s is None:
         return []
     return [c for c in _in_window(*selected.interval_s) if c.id != selected.id]
 
 
 def joined(selection: Sequence[Selected]) -> list[tuple[tuple[Selected, Selected], Selected]]:
-    """Pairs of effects whose intervals of time meet, each with one effect of both: one by one, a long interval is found
-    in pieces.
+    """Pairs of effects with adjoining intervals, each with the effects that may replace both: a search that adds one
+    effect at a time finds a long interval in pieces.
     """
     found = []
     placed = [(c, c.interval_s) for c in selection if c.interval_s is not None]
@@ -140,8 +140,8 @@ def joined(selection: Sequence[Selected]) -> list[tuple[tuple[Selected, Selected
 
 
 def moved(selection: Sequence[Selected], length_s: float) -> list[Selected]:
-    """Effects that begin at a moment and stay, each at moments near its own: a descent ends at whichever is likelier
-    than the ones beside it.
+    """Effects that begin at some time and last, each moved to times near its own: a descent may have stopped at a
+    local optimum.
     """
     steps_s = [sign * share * length_s for share in MOVES for sign in (-1.0, 1.0)]
     lasting = [(c, c.begin_s) for c in selection if c.end_s is None]
@@ -154,7 +154,7 @@ def moved(selection: Sequence[Selected], length_s: float) -> list[Selected]:
 
 
 def _in_window(t0_s: float, t1_s: float) -> list[Selected]:
-    """Each effect of an interval of time, with sizes yet to be found."""
+    """Each interval effect in this window, with sizes not yet fitted."""
     times = {START.name: t0_s, END.name: t1_s}
     return [
         Selected(effect, {**times, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), *times))

@@ -1,4 +1,4 @@
-"""Library of candidates: all that may be missing, in a few variants each, as columns of one regression."""
+"""Library of candidates: every effect that may be missing, in a few variants each, as columns of one regression."""
 
 import itertools
 import math
@@ -20,15 +20,15 @@ from drd_tools.diagnose.selected import BIAS, SCALE, Prior, Selected, Values, li
 Parameters = dict[str, float | str]
 NOTHING: Final[Prior] = {}
 
-ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
-MOST_OF_THE_WAY: Final = 0.8  # what acts on more of it is no interval but acts always
-LARGEST: Final = 1e16  # sigmas of a row: no robot does that, and squares of single precision have no room for more
+ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: required rms of the rates that a dead band hides
+MOST_OF_THE_WAY: Final = 0.8  # an effect on more of it is permanent, not one of an interval
+LARGEST: Final = 1e16  # sigmas of a row: impossible, and its square would overflow single precision
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A variant of an effect: `names` of the linear parameters that are free, and the library's `columns` of them."""
+    """A variant of an effect: `names` of its free linear parameters, and their `columns` in the library."""
 
     effect: Effect
     shape: Parameters
@@ -39,16 +39,16 @@ class Candidate:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether it is a threshold or a delay, whose form changes with its size."""
+        """Whether it is a threshold or a delay: their form changes with size, so they cannot be scaled."""
         return self.effect.acts_on in (ActsOn.READOUT, ActsOn.TIMING) and self.names == ("",)
 
     def fitted(self, G: Array, b: Array, measured: Prior = NOTHING) -> tuple[float, Selected | None]:
-        """Gain, nats, and fitted parameters, from its columns' products G (k, k) and those with the data b (k,)."""
+        """Gain, nats, and fitted parameters, from the products of its columns, G (k, k), and with the data, b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
         return 0.5 * float(b @ x), self.selected(x, measured)
 
     def selected(self, coefficients: Array, measured: Prior = NOTHING) -> Selected | None:
-        """The effect with parameters from the regression's coefficients; None where they make no sense."""
+        """The effect with parameters from the regression's coefficients; None if they are implausible."""
         values = dict(self.shape)
         linear = self.effect.linear()
         if self.effect.acts_on is ActsOn.READOUT and not 0.4 < coefficients[0] < 2.5:
@@ -75,7 +75,7 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
 
 
 def is_plausible(selected: Selected, measured: Prior = NOTHING) -> bool:
-    """Whether parameters are of the right sign, and not beyond all sizes about what something else has measured: its
+    """Whether parameters have the right sign and a possible size; around the values, if any, measured otherwise: its
     own prior, or `measured`.
     """
     measured = measured or selected.prior
@@ -94,7 +94,7 @@ def is_plausible(selected: Selected, measured: Prior = NOTHING) -> bool:
 
 
 def is_hidden(problem: Problem, selected: Selected) -> bool:
-    """Whether a threshold hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
+    """Whether a threshold hides hardly any rate above the gyro's noise: it would then only explain noise."""
     e = problem.evidence
     if selected.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
         return False
@@ -107,7 +107,7 @@ def is_hidden(problem: Problem, selected: Selected) -> bool:
 
 
 def is_everywhere(problem: Problem, selected: Selected) -> bool:
-    """Whether it is an interval with next to all of the path: what is as good as always there needs no interval."""
+    """Whether its interval covers nearly all of the path: a permanent effect needs no interval."""
     e = problem.evidence
     if not is_of_interval(selected.effect) or selected.interval_s is None:
         return False
@@ -117,12 +117,12 @@ def is_everywhere(problem: Problem, selected: Selected) -> bool:
 
 
 def is_possible(problem: Problem, selected: Selected) -> bool:
-    """Whether it is plausible, and of a kind that this recording can show."""
+    """Whether it is plausible and this recording can show it."""
     return is_plausible(selected) and not is_hidden(problem, selected) and not is_everywhere(problem, selected)
 
 
 class Library:
-    """The candidates of a problem, and their whitened columns (r, p); of effects of an interval, all intervals."""
+    """The candidates of a problem and their whitened columns (r, p); for interval effects, all intervals."""
 
     def __init__(self, problem: Problem):
         e = problem.evidence
@@ -138,7 +138,7 @@ class Library:
                 made, own = columns_of(problem, effect, shape, first + len(sensitivities))
                 self.candidates += made
                 sensitivities += own
-            # Those of 20 minutes, all at once, would be 130 MB.
+            # In chunks: all sensitivities of 20 minutes at once would take 130 MB.
             if len(sensitivities) >= COLUMNS or effect is plain[-1]:
                 whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
                 first += len(sensitivities)
@@ -159,14 +159,14 @@ def is_absent(e: Evidence, effect: Effect) -> bool:
     """Whether the calibration of a robot far from robot.yaml looked for a delay or drift and found none, or counts all
     delays from this one.
 
-    What its lag, or the reference's own, does in a run would pass for one.
+    Changes of its lag, or of the reference's, during a run would be mistaken for one.
     """
     measured = effect.calibrated(e.robot) if e.is_far and effect.acts_on is ActsOn.TIMING else None
     return measured is not None and effect.is_neutral(measured)
 
 
 def variants(problem: Problem, effect: Effect) -> list[Parameters]:
-    """Shapes of an effect with which a search begins."""
+    """Shapes of an effect from which a search starts."""
     shapes = effect.variants(problem.sensitivities.motion)
     measured = effect.calibrated(problem.evidence.robot)
     if measured is not None and not effect.linear() and not effect.is_neutral(measured):
@@ -180,7 +180,7 @@ def variants(problem: Problem, effect: Effect) -> list[Parameters]:
 def columns_of(
     problem: Problem, effect: Effect, shape: Parameters, first: int
 ) -> tuple[list[Candidate], list[Sensitivity]]:
-    """Candidates of a variant, and their sensitivities, the columns from `first` on; none where it is not seen."""
+    """Candidates of a variant, and their sensitivities, the columns from `first` on; none if no sensor shows it."""
     sensitivities = [problem.unit(effect, s, name) for s, name in units_of(effect, shape)]
     if not all(is_seen(s) for s in sensitivities):
         return [], []
@@ -188,7 +188,7 @@ def columns_of(
 
 
 def units_of(effect: Effect, shape: Parameters) -> list[tuple[Parameters, str]]:
-    """Shape and linear parameter of each column of a variant; what has an angle has two, a quarter of a turn apart."""
+    """Shape and linear parameter of each column of a variant; an effect with an angle has two, 90 degrees apart."""
     names, angle = _names(effect), _angle(effect)
     if angle:
         return [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
@@ -206,7 +206,7 @@ def _names(effect: Effect) -> tuple[str, ...]:
 def _candidates(
     problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
 ) -> list[Candidate]:
-    """Candidates of a variant whose columns begin with `first`: one for each choice of its parameters."""
+    """Candidates of a variant whose columns start at `first`: one for each choice of its parameters."""
     made = []
     for which in [(0, 1)] if angle else choices(effect, names):
         chosen = names if angle else tuple(names[i] for i in which)
@@ -218,7 +218,7 @@ def _candidates(
 
 
 def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:
-    """Subsets of an effect's linear parameters that may be there without the others."""
+    """Subsets of an effect's linear parameters that are meaningful without the others."""
     own = {i for i, name in enumerate(names) if name != SCALE.name}
     return [
         which
@@ -228,22 +228,22 @@ def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:
     ]
 
 
-# A library takes as long as a search among it, and the verdict asks the same problem again. It holds no problem.
+# Building a library takes as long as a search in it, and the verdict needs it again. It keeps no problem alive.
 _MADE: Final[WeakKeyDictionary[Problem, Library]] = WeakKeyDictionary()
 
 
 def library_of(problem: Problem) -> Library:
-    """The problem's library, made once."""
+    """The problem's library, built once."""
     if problem not in _MADE:
         _MADE[problem] = Library(problem)
     return _MADE[problem]
 
 
 def release(problem: Problem) -> None:
-    """Forget the problem's library: of a long recording it is large."""
+    """Drop the problem's library, which is large for a long recording."""
     _MADE.pop(problem, None)
 
 
 def is_seen(sensitivity: Sensitivity) -> bool:
-    """Whether it acts on any sensor at all."""
+    """Whether any channel is non-zero."""
     return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in sensitivity.channels)

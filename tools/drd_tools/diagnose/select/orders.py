@@ -1,4 +1,4 @@
-"""Order spectrum: what repeats with a wheel's angle, at any order, as a gearbox makes it."""
+"""Order spectrum: errors that repeat with a wheel's angle at any order, such as those of a gearbox."""
 
 import math
 from collections.abc import Sequence
@@ -15,26 +15,26 @@ from drd_tools.diagnose.regression.refine import FREE, nuisance_design
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-FEWEST_TURNS: Final = 3.0  # of a wheel, one way: fewer tell no order from its own turn
-LEAST_ORDER: Final = 0.2  # slower is a smooth curve of time or place
+FEWEST_TURNS: Final = 3.0  # of a wheel: with fewer, no order can be distinguished from its own turn
+LEAST_ORDER: Final = 0.2  # slower errors are smooth curves of time or place
 MOST_ORDER: Final = 60.0  # a motor's shaft behind two stages of a gearbox
-MOST_PERIODS: Final = 0.8  # in a usual step: of more, its mean keeps less than a quarter
-OWN_ORDER: Final = 1.0  # of an eccentric wheel, which is in the catalogue
-PER_TURN: Final = 8  # cells of the grid in the shortest period: linear shares of a cell lose 5 % of its power
-OVERSAMPLED: Final = 4  # frequencies within the spectrum's width: at most 5 % of a peak's power lies between two
-BACKGROUND: Final = 101  # widths: its median is then known to a sixth
+MOST_PERIODS: Final = 0.8  # in a typical step: of more, its mean keeps less than a quarter
+OWN_ORDER: Final = 1.0  # of an eccentric wheel, an effect in the catalogue
+PER_TURN: Final = 8  # grid cells in the shortest period: linear interpolation loses 5 % of its power
+OVERSAMPLED: Final = 4  # frequencies per resolution width: a peak between two loses at most 5 % of its power
+BACKGROUND: Final = 101  # widths: determines the median to a sixth
 MOST_SPREAD: Final = 64  # bins of the steps' sizes in the norm: finer changes it by less than a percent
 MOST_RIPPLES: Final = 3  # a stage of a gearbox has one
-KNOTS: Final = 12  # of a period, for the picture: harmonics up to the sixth
-SUB: Final = 8  # of a step, over which a hat is averaged: a usual step holds MOST_PERIODS at most
-RIDGE: Final = 1e-6  # of the hats' largest product: phases that the steps never show stay near 0
+KNOTS: Final = 12  # per period, for the picture: harmonics up to the sixth
+SUB: Final = 8  # parts of a step, over which a hat is averaged: a typical step has at most MOST_PERIODS
+RIDGE: Final = 1e-6  # of the hats' largest product: keeps phases that no step shows near 0
 
 
 @dataclass(frozen=True)
 class Ripple:
     """A wheel's relative error `amplitude cos(order angle + phase)`, with sigmas.
 
-    `gain`: nats, its freedom paid. `p`: probability that chance makes any order of either wheel stand out so.
+    `gain`: nats, less its cost. `p`: probability of such a peak by chance, at any order of either wheel.
     """
 
     side: str
@@ -49,7 +49,7 @@ class Ripple:
 
 
 class Folded(NamedTuple):
-    """The relative error about its mean, and its sigma, at phases of a period, (k,) each, whatever its shape."""
+    """The relative error about its mean, and its sigma, at phases of a period, (k,) each, for any waveform."""
 
     phase_rad: Array
     error: Array
@@ -57,7 +57,7 @@ class Folded(NamedTuple):
 
 
 class _Peak(NamedTuple):
-    """The highest peak of a spectrum, over its background's mean; `tried`: how many orders are in it."""
+    """The highest peak of a spectrum, over its background's mean; `tried`: number of orders in the spectrum."""
 
     above: float
     side: str
@@ -66,7 +66,7 @@ class _Peak(NamedTuple):
 
 
 def ripples(problem: Problem, selection: Sequence[Selected], least_nats: float, most_p: float) -> list[Ripple]:
-    """Orders that stand out beside the selected effects, the strongest first; not a wheel's own turn. (90)"""
+    """Significant orders beside the selected effects, strongest first, except a wheel's own turn. (90)"""
     found: list[Ripple] = []
     if not problem.evidence.has_wheels:
         return found
@@ -97,7 +97,7 @@ def _angle(problem: Problem, side: str) -> Array:
 
 
 def _waves(problem: Problem, side: str, order: float) -> Array:
-    """Whitened sensitivities to the two phases of a ripple, (r, 2): over a step, it has its integral's difference."""
+    """Whitened sensitivities to the two phases of a ripple, (r, 2), integrated over each step."""
     at = order * _angle(problem, side)
     ways = [np.diff(f) * (problem.evidence.radius_m / order) for f in (np.sin(at), -np.cos(at))]
     return problem.whiten([_of(side, way) for way in ways])
@@ -108,7 +108,7 @@ def _of(side: str, distance_m: Array) -> Sensitivity:
 
 
 def _peaks(problem: Problem, left: Array) -> list[_Peak]:
-    """The highest peak of each wheel, of cleared data (r,)."""
+    """The highest peak of each wheel in projected data (r,)."""
     score, found = problem.adjoint(left), []
     for side, of_step in (("left", score[:, 1]), ("right", score[:, 2])):
         angle, weight = _angle(problem, side), -np.diff(of_step, prepend=0.0, append=0.0)
@@ -126,7 +126,7 @@ def _peaks(problem: Problem, left: Array) -> list[_Peak]:
 
 
 def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
-    """Orders (k,), and their power over its background's mean (k,), of weights at angles (n + 1,)."""
+    """Orders (k,) and their power over the background's mean (k,), from weights at angles (n + 1,)."""
     step = np.abs(np.diff(angle))
     most = min(MOST_ORDER, 2.0 * math.pi * MOST_PERIODS / float(np.average(step, weights=step)))
     size = 2.0 * math.pi / (PER_TURN * most)
@@ -138,7 +138,7 @@ def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
     orders = np.arange(count // 2 + 1) * (2.0 * math.pi / (count * size))
     seen = (orders >= LEAST_ORDER) & (orders <= most)
     orders, power = orders[seen], np.abs(np.fft.rfft(grid)[seen]) ** 2
-    # The size of the steps' moves by a unit of each order: little where steps hold whole periods.
+    # Sensitivity of the steps to a unit of each order: small if steps contain whole periods.
     number, edges = np.histogram(step, MOST_SPREAD)
     norm = (2.0 - 2.0 * np.cos(np.outer(orders, 0.5 * (edges[1:] + edges[:-1])))) @ number
     power = np.divide(power, norm, out=np.zeros_like(power), where=norm > 0.0)
@@ -149,9 +149,9 @@ def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
 def _measured(
     problem: Problem, held: Marginal, left: Array, S: Array, peak: _Peak, p: float, cost: float, least_nats: float
 ) -> Ripple | None:
-    """Amplitude, phase and gain of a peak with whitened sensitivities S (r, 2); None where it gains too little.
+    """Amplitude, phase and gain of a peak with whitened sensitivities S (r, 2); None if it gains too little.
 
-    `cost`: nats, of the choice among all orders.
+    `cost`: of the choice among all orders, nats.
     """
     G, b = held.beside(S.T @ S, held.columns.T @ S), S.T @ left
     if not np.linalg.det(G) > 0.0:
@@ -163,14 +163,14 @@ def _measured(
     gain = 0.5 * float(b @ x) - cost - 2.0 * problem.per_parameter
     if gain < least_nats:
         return None
-    # A line's frequency is known to sqrt(12) / span of its phase's sigma (Rife and Boorstyn 1974).
+    # The sigma of a line's frequency is sqrt(12) / span times that of its phase (Rife and Boorstyn 1974).
     sigma_order = math.sqrt(12.0) * sigma / amplitude / float(np.ptp(_angle(problem, peak.side)))
     phase, folded = math.atan2(-x[1], x[0]), _folded(problem, held, left, peak)
     return Ripple(peak.side, peak.order, sigma_order, amplitude, sigma, phase, gain, p, folded)
 
 
 def _folded(problem: Problem, held: Marginal, left: Array, peak: _Peak) -> Folded:
-    """The error at each phase of a period, by a regression on hats over it."""
+    """The error at each phase of a period, from a regression on hats."""
     angle, knots = _angle(problem, peak.side), np.linspace(0.0, 2.0 * math.pi, KNOTS + 1)
     within = (np.arange(SUB) + 0.5) / SUB
     at = np.mod(peak.order * (angle[:-1, None] + np.diff(angle)[:, None] * within), 2.0 * math.pi)

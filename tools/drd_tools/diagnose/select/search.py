@@ -1,4 +1,4 @@
-"""Search for effects: the best of all small sets, refined and linearised around, and so on while that gains."""
+"""Search for effects: find the best of all small sets, refine it, linearise around it, and repeat while that gains."""
 
 import math
 from collections.abc import Sequence
@@ -15,25 +15,25 @@ from drd_tools.diagnose.select.library import is_possible, library_of
 from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.selected import Selected
 
-MOST_SELECTED: Final = 6  # effects beside those known: limits the time of a search
-RIVALS: Final = 6  # by the linear ranking, to be refined: limits the time
-CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
-# Where effects explain so much, or shift the time, sensitivities must be taken along a motion cleared of them.
+MOST_SELECTED: Final = 6  # effects besides the known ones: limits the time of a search
+RIVALS: Final = 6  # refined, the best by linear ranking: limits the time
+CLEARLY_BETTER: Final = 0.1  # nats: prevents cycles
+# If effects explain so much, or shift the time, sensitivities must be recomputed along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
-RELINEARISATIONS: Final = 3  # at most; it ends before where it converges
-PATHS: Final = 6  # at most: each leaves a third of the noise in the one before
-CONVERGED_NATS: Final = 1.0  # less does not change which name is best: CLASS_NATS is more
-ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
+RELINEARISATIONS: Final = 3  # at most; fewer on convergence
+PATHS: Final = 6  # at most: each iteration keeps a third of the remaining noise
+CONVERGED_NATS: Final = 1.0  # less does not change the best name: CLASS_NATS is larger
+ROUGH_SQUARE: Final = 1.5  # mean of the squared residual, in sigmas
 MOVED: Final = 0.05  # sigmas: less changes no linearisation
-LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
+LITTLE_SHARE: Final = 0.1  # of the data's nats if the fit is rough, and if it is not:
 NEXT_TO_NOTHING: Final = 0.003
-MUCH_SHARE: Final = 0.02  # that much of it was taken for noise, beside which others pass for effects
-CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
-CLOSE_RIVALS: Final = 3  # linearised each by itself: limits the time
-TURNED_RAD: Final = 0.3  # of a wheel's turn, lost: a ripple's phase is then off by so much
-CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
-EXACT_NATS: Final = 0.5  # less between two names of a class is rounding of their descent
-SETS: Final = 12  # the best by the linear scores, to be refined: limits the time
+MUCH_SHARE: Final = 0.02  # if so much had counted as noise, the noise is refitted: beside it, others pass for effects
+CLOSE_SHARE: Final = 0.08  # of what the best explains: rivals so close get their own linearisation
+CLOSE_RIVALS: Final = 3  # each linearised separately: limits the time
+TURNED_RAD: Final = 0.3  # wheel angle by which a ripple's phase may be wrong
+CLASS_NATS: Final = 4.0  # names with scores so close form one class
+EXACT_NATS: Final = 0.5  # a smaller difference within a class is numerical
+SETS: Final = 12  # refined, the best by linear score: limits the time
 LARGEST: Final = 4  # effects of a set: C(31, 4) sets are scored in a second, those of five take ten
 MORE: Final = 2  # effects at a time: two may hide each other
 REPLACED: Final = 3  # effects at a time, where there are more
@@ -48,7 +48,7 @@ class Found:
     null: float  # score without any selected effect
     is_cleared: bool = False  # whether the motion was cleared of the selected effects to see how the wheels turn
     is_complete: bool = False  # whether no other selected effect is worth its cost
-    is_noise_due: bool = False  # whether so little is left now that the noise must be fitted before more is found
+    is_noise_due: bool = False  # whether the noise must be refitted before the search continues
 
     @cached_property
     def score(self) -> float:
@@ -57,22 +57,22 @@ class Found:
 
 
 def score_of(problem: Problem, fit: Fit) -> float:
-    """Log likelihood of the data less the penalty of the selected effects, nats. (80)"""
+    """Log likelihood less the penalty of the selected effects, nats. (80)"""
     return -fit.cost - problem.penalty(fit.selection)
 
 
 def is_rough(fit: Fit) -> bool:
-    """Whether the data are so far from the model that the noise must be larger: gains and their costs mean little."""
+    """Whether the residual shows that the noise is larger than assumed: gains and their costs then mean little."""
     return bool(fit.left.size) and float(np.mean(fit.left**2)) > ROUGH_SQUARE
 
 
 def coarse_search(
     problem: Problem, known: Sequence[Selected] = (), start: Sequence[Selected] = (), last: Found | None = None
 ) -> Found:
-    """Search for the effects that matter to the noise, until another effect changes little of what is left.
+    """Search for the effects that affect the fit of the noise, until another effect gains little.
 
-    `start`: effects from which it sets out, and which stay; a set beside them that changes much ends it, too. `last`: a
-    search with other noise, to go on from.
+    `start`: effects to start from and keep; with them, a set that gains much also ends the search. `last`: an earlier
+    search, with other noise, to continue from.
     """
     fit = refine(problem, known)
     null = score_of(problem, fit)
@@ -91,7 +91,7 @@ def coarse_search(
 
 
 def _with_others(problem: Problem, fit: Fit, others: Sequence[Selected], null: float) -> Found:
-    """The fit with other effects, linearised around, without those that this drives beyond all sizes."""
+    """Add other effects to the fit and linearise around them, dropping those whose sizes become impossible."""
     found = linearised(problem, replace(fit, selection=(*fit.selection, *others)), null)
     fitted = found.fit.selection[len(fit.selection) :]
     kept = [c for c, own in zip(others, fitted, strict=True) if is_possible(problem, own)]
@@ -99,14 +99,14 @@ def _with_others(problem: Problem, fit: Fit, others: Sequence[Selected], null: f
 
 
 def full_search(found: Found, known: Sequence[Selected] = ()) -> Found:
-    """Continue a coarse search until no selected effect is worth its cost and no other name, or form, is better."""
+    """Continue a coarse search until no further effect is worth its cost and no other name, or form, is better."""
     while not found.is_complete and (better := _better(found, known)) is not None:
         found = better
     return _by_exact_form(_relinearised_rivals(Search(found.problem, known), found), {c.id for c in known})
 
 
 def _better(found: Found, known: Sequence[Selected]) -> Found | None:
-    """A better set of effects; None where there is none."""
+    """Find a better set of effects; None if there is none."""
     search, is_cleared = Search(found.problem, known), found.is_cleared
     better = _other_set(search, found)
     if better is None and not is_cleared and _turns_wheels(found):
@@ -115,7 +115,7 @@ def _better(found: Found, known: Sequence[Selected]) -> Found | None:
 
 
 def _turns_wheels(found: Found) -> bool:
-    """Whether the effects leave the wheels elsewhere in their turn than the counts say: a ripple is not seen so."""
+    """Whether the effects shift the wheels' angles from those counted: without this, a ripple would be missed."""
     for selected in found.fit.selection:
         sensitivity = found.problem.sensitivity(selected.effect, selected.values)
         for travel in (sensitivity.left_m, sensitivity.right_m):
@@ -125,7 +125,7 @@ def _turns_wheels(found: Found) -> bool:
 
 
 def _by_exact_form(found: Found, known: set[str]) -> Found:
-    """Give each effect the name, of those in one class with it, whose exact form fits best."""
+    """Give each effect the name in its class whose exact form fits best."""
     search = Search(found.problem)
     for name in [c.id for c in found.fit.selection if c.id not in known]:
         selected = next((c for c in found.fit.selection if c.id == name), None)
@@ -141,14 +141,14 @@ def _by_exact_form(found: Found, known: set[str]) -> Found:
 
 
 def _relinearised_rivals(search: "Search", found: Found) -> Found:
-    """Give the nearest rival of each strong effect its own linearisation: close names differ in second order only."""
+    """Linearise separately around the nearest rivals of each strong effect: close names differ only in second order."""
     for selected in found.fit.selection:
         rest = refine(found.problem, [c for c in found.fit.selection if c is not selected])
         worth = found.score - search.score(rest)
         if not _needs_linearising([selected], worth):
             continue
         is_known, is_late = selected.id in search.known, any(c.is_timing for c in rest.selection)
-        # Two delays may stand for one, or a delay and others for it: each alone is far off until the time is shifted.
+        # Two delays, or a delay and other effects, may imitate one: each alone fits badly until the time is shifted.
         sets = [[*rest.selection]] if is_late and not is_known else []
         if selected.is_timing and not is_known:
             sets.append([*(c for c in rest.selection if c.id in search.known), selected])
@@ -164,17 +164,17 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
 
 
 def _other_set(search: "Search", found: Found) -> Found | None:
-    """The best of other sets of effects; None where none holds once it is linearised around."""
+    """The best other set of effects; None if none is still better after linearising around it."""
     tried = search.others(found.fit)
     if not tried:
         return None
     best, selection, least = tried[0], tried[0].selection, found.null
-    if found.problem.evidence.is_far:  # its constants are linearised around already, and explain most
+    if found.problem.evidence.is_far:  # already linearised around the constants, which explain most
         before = {c.id for c in found.fit.selection}
         selection, least = tuple(c for c in selection if c.id not in before), found.score
     if not _needs_linearising(selection, search.score(best) - least):
         return Found(found.problem, best, found.null)
-    # Along another path, or with other noise, the best may explain less than nothing does here.
+    # Along another path, or with other noise, the best set may score below the null here.
     margin = CLOSE_SHARE * max(search.score(best) - least, 0.0)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
     held = (_plausibly_linearised(found, t) for t in close)
@@ -183,7 +183,7 @@ def _other_set(search: "Search", found: Found) -> Found | None:
 
 
 def _plausibly_linearised(found: Found, fit: Fit) -> Found | None:
-    """A fit of the problem linearised around; None where that drives a parameter beyond all sizes."""
+    """Linearise around a fit; None if a parameter's size is, or becomes, impossible."""
     if not _is_plausible(found.problem, fit):
         return None
     made = linearised(found.problem, fit, found.null)
@@ -195,7 +195,7 @@ def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:
 
 
 def linearised(problem: Problem, fit: Fit, null: float) -> Found:
-    """Linearise around the selected effects, fit them again, and so on while that helps."""
+    """Linearise around the selected effects and refit them, repeatedly while that helps."""
     best: Found | None = None
     for _ in range(RELINEARISATIONS):
         before = fit.selection
@@ -212,14 +212,14 @@ def linearised(problem: Problem, fit: Fit, null: float) -> Found:
 
 
 def _has_moved(before: Selected, after: Selected) -> bool:
-    """Whether a parameter has moved by more than a small part of its deviation."""
+    """Whether a parameter has moved by more than a small fraction of its sigma."""
     return any(abs(after.number(n) - before.number(n)) > MOVED * after.sigma(n) for n in after.free)
 
 
 def converged(problem: Problem, known: Sequence[Selected]) -> Problem:
-    """The problem around the path that it leads to: the first goes through all fixes, and has their noise in it.
+    """Relinearise the problem until its path converges: the first path is bent to all fixes, including their noise.
 
-    Beside that noise any later path would seem worse, and so would all that is linearised around.
+    Because it fits that noise, any later path, and anything linearised around it, would seem worse.
     """
     cost = math.inf
     for _ in range(PATHS):
@@ -242,27 +242,27 @@ class Search:
         return score_of(self.problem, fit)
 
     def exact_score(self, fit: Fit) -> float:
-        """Score if no cause had another shape than the catalogue's."""
+        """Score without model discrepancy: every cause has exactly the catalogue's shape."""
         residual = self.problem.data - self.problem.effect_rows(fit.selection)
         return Marginal(self.problem.nuisance).nats(residual) - self.problem.penalty(fit.selection)
 
     def averaged_score(self, fit: Fit) -> float:
-        """Score where causes are as likely to have the catalogue's shapes, as in simulation, as others, as real do."""
+        """Score if causes equally likely have the catalogue's shapes, as in simulation, or others, as in reality."""
         return float(np.logaddexp(self.score(fit), self.exact_score(fit))) - math.log(2.0)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Selected]]:
-        """Gain of each effect beside the selected ones, with its best variant; best first."""
+        """Gain of each further effect beside the selected ones, with its best variant; best first."""
         return Sets(self.problem, fit.selection).ranked()
 
     def others(self, fit: Fit) -> list[Fit]:
-        """Fits of other sets of effects that are better; best first."""
+        """Fits of better sets of effects; best first."""
         tried = self.near(fit, self.score(fit))
         return [t for t in tried if self.score(t) > self.score(fit) + CLEARLY_BETTER]
 
     def near(self, fit: Fit, least: float) -> list[Fit]:
-        """Fits of the best other sets of effects, best first, refined where that can reach the score `least`. (80)
+        """Fits of the best other sets of effects, best first, refined if they can reach the score `least`. (80)
 
-        Of many effects three are replaced at a time.
+        If effects are many, three are replaced at a time.
         """
         known = [c for c in fit.selection if c.id in self.known]
         found = sorted((c for c in fit.selection if c.id not in self.known), key=self._size)

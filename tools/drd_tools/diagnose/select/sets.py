@@ -1,4 +1,4 @@
-"""All sets of up to four effects, scored by one Gram matrix, each effect in the variant that is best there. (80)"""
+"""Score all sets of up to four effects from one Gram matrix, each effect in its best variant in that set. (80)"""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -16,15 +16,15 @@ from drd_tools.diagnose.select.intervals import Columns, joined, moved, same_win
 from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
 from drd_tools.diagnose.selected import Selected, parameter, shape_of
 
-LEFT_SHARE: Final = 1e-3  # of a column's square that the others of its set must leave
-FREE_SHARE: Final = 1e-5  # that what is held must leave: products of single precision are no better
-RIDGE: Final = 1e-4  # of a column's square, as their prior: two columns that are alike have finite sizes
+LEFT_SHARE: Final = 1e-3  # of a column's square that must remain after projecting out the rest of its set
+FREE_SHARE: Final = 1e-5  # the same for the held effects: the accuracy of single-precision products
+RIDGE: Final = 1e-4  # of a column's square, as prior: keeps the sizes of two similar columns finite
 
 
 class _Group(NamedTuple):
-    """Candidates of one width w: which (c,), their columns (c, w) and these' products (c, w, w), penalties (c,), nats.
+    """Candidates with w columns each: indices (c,), columns (c, w), products (c, w, w), penalties (c,), nats.
 
-    `least` (c, w): of a coefficient.
+    `least` (c, w): lower bounds of the coefficients.
     """
 
     candidates: npt.NDArray[np.intp]
@@ -35,9 +35,8 @@ class _Group(NamedTuple):
 
 
 class _Set(NamedTuple):
-    """A set of candidates and its score, nats. Beside it: `b` (p,), `own` (p,), the squares of all columns.
-
-    `D` (m, p): their products with its m columns, made orthonormal.
+    """A set of candidates and its score, nats. `b` (p,), `own` (p,): all columns' products with the data, and squares,
+    after projecting out the set. `D` (m, p): their products with its m columns, orthonormalised.
     """
 
     chosen: tuple[int, ...]
@@ -48,8 +47,8 @@ class _Set(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """Value and deviation, inf where nothing tells it, of each of the library's columns alone, (p,). `held`: names of
-    the effects beside which it is estimated.
+    """Value and deviation (inf if unobservable) of each of the library's columns alone, (p,). `held`: names of the
+    effects beside which it is estimated.
     """
 
     value: Array
@@ -58,9 +57,9 @@ class Estimates(NamedTuple):
 
 
 class Sets:
-    """Sets of effects beside those of `held`, which stay. (80)
+    """Sets of effects beside the effects `held`, which stay. (80)
 
-    The shapes of `near`, which may be there again, and of `others` are variants, too.
+    The shapes of `near`, which may be selected again, and of `others` are additional variants.
     """
 
     def __init__(
@@ -76,7 +75,7 @@ class Sets:
         self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
         left = self._marginal.projected(problem.data - problem.effect_rows(held))
         self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
-        # One by one, a long interval is found in pieces, or with another effect's name.
+        # A search that adds one effect at a time finds a long interval in pieces, or by another effect's name.
         pieces = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one))]
         moments = moved(near, float(np.ptp(problem.evidence.edges_s)))
         self.intervals = list(self._intervals())
@@ -86,7 +85,7 @@ class Sets:
         products = np.block([[self._library.products, between[:, :count].T], [between]])
         G, b = self._beside(own, products)
         free, taken = np.diag(G) > FREE_SHARE * np.diag(products), {c.id for c in held if not c.effect.repeats}
-        # The others are explained whole by effects that are held: they belong to no candidate.
+        # The held effects fully explain the other columns: these belong to no candidate.
         self._scale = np.zeros(len(G))
         self._scale[free] = np.diag(G)[free] ** -0.5
         self._G = G * self._scale[:, None] * self._scale + RIDGE * np.eye(len(G))
@@ -100,12 +99,12 @@ class Sets:
         self._groups = [self._group(width) for width in sorted({len(c.columns) for c in self.candidates})]
 
     def _beside(self, columns: Columns, products: Columns) -> tuple[Array, Array]:
-        """Products of columns (r, p) among themselves, (p, p), and with the data, (p,), beside those that are held."""
+        """Products of columns (r, p) with each other, (p, p), and with the data, (p,), beside the held effects."""
         cross = np.asarray(columns.T @ self._held, float)
         return self._marginal.beside(products, cross.T), np.asarray(columns.T @ self._left, float)
 
     def _intervals(self) -> Iterator[Selected]:
-        """Each effect of an interval of time, and each choice of its sizes, in the interval where it explains most."""
+        """Each interval effect, with each choice of its sizes, in the interval where it explains most."""
         for each in self._library.intervals:
             products = self._beside(each.columns, each.products)
             for which in choices(each.effect, each.names):
@@ -115,7 +114,7 @@ class Sets:
                     yield Selected(each.effect, values, (*names, START.name, END.name))
 
     def _variants(self, near: Sequence[Selected]) -> tuple[list[Candidate], Columns]:
-        """Candidates with the shapes of effects that were refined, and their columns, after the library's."""
+        """Candidates with the shapes of refined effects, and their columns, numbered after the library's."""
         candidates: list[Candidate] = []
         sensitivities: list[Sensitivity] = []
         for one in near:
@@ -128,14 +127,14 @@ class Sets:
         return candidates, self._problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False)
 
     def scatter(self, selected: Selected) -> float:
-        """How much more an effect of an interval scatters over this drive than its deviations say; 1 of any other."""
+        """Scatter of an interval effect over this drive, relative to its deviations; 1 for any other effect."""
         for each in self._library.intervals:
             if each.effect.id == selected.id:
                 return each.scatter(selected, *self._beside(each.columns, each.products))
         return 1.0
 
     def estimates(self) -> Estimates:
-        """Estimates of what is not held, each alone, with the parameters and other shapes of what is held free."""
+        """Estimates of effects that are not held, each alone, with the held ones' parameters and other shapes free."""
         count = self._library.columns.shape[1]
         scale, b = self._scale[:count], self._b[:count]
         return Estimates(b * scale, np.where(scale > 0.0, scale, np.inf), self._held_names)
@@ -147,7 +146,7 @@ class Sets:
 
     @staticmethod
     def _label(candidate: Candidate, near: Sequence[Selected]) -> str:
-        """Name of an effect; where it may be there more than once, each that was refined has its own."""
+        """Name of an effect; if it may occur more than once, each refined occurrence has its own."""
         if candidate.effect.repeats:
             for i, one in enumerate(near):
                 if candidate.effect is one.effect and candidate.shape == shape_of(one.effect, one.values):
@@ -155,7 +154,7 @@ class Sets:
         return candidate.effect.id
 
     def _group(self, width: int) -> "_Group":
-        """The candidates of so many columns."""
+        """The candidates with this number of columns."""
         which = [i for i, c in enumerate(self.candidates) if len(c.columns) == width]
         chosen = [self.candidates[i] for i in which]
         columns = np.array([c.columns for c in chosen], int)
@@ -164,7 +163,7 @@ class Sets:
         return _Group(np.array(which), columns, blocks, np.array([c.penalty for c in chosen]), least)
 
     def as_they_are(self) -> list[Selected]:
-        """The best variant of each threshold and delay as it is: neither can be scaled, its form is its size's."""
+        """The best variant of each threshold and delay, unscaled, since its form changes with its size."""
         best: dict[str, tuple[float, Candidate]] = {}
         for candidate in self.candidates:
             if candidate.is_fixed:
@@ -176,9 +175,10 @@ class Sets:
         return [one for one in made if one is not None]
 
     def best(self, count: int, largest: int) -> list[tuple[Selected, ...]]:
-        """The best sets of so many effects at most, the best first, with the sizes that fit together.
+        """The best sets of at most `largest` effects, with jointly fitted sizes; best first.
 
-        Beyond half of the count only the best set with each name: what is linear may mislead all that have one name.
+        Half of `count` go to the best of all, the others to sets with further names: linearisation may mislead all sets
+        with one name.
         """
         made: list[tuple[Selected, ...]] = []
         names: set[str] = set()
@@ -194,7 +194,7 @@ class Sets:
     def scored(self, largest: int) -> dict[frozenset[int], tuple[float, tuple[int, ...]]]:
         """Score of each set of names, nats, with its best candidates.
 
-        A set of n + 1 names is met n + 1 times, each time with another name as the last, in its best variant.
+        A set of n + 1 names is evaluated n + 1 times, with each of its names as the last, in its best variant.
         """
         last = {
             frozenset[int](): _Set((), 0.0, np.zeros((0, len(self._b))), self._b, np.full(len(self._b), 1.0 + RIDGE))
@@ -219,7 +219,7 @@ class Sets:
         return found
 
     def _grown(self, one: "_Set", i: int, score: float) -> "_Set | None":
-        """A set with one candidate more; None where single precision cannot tell its columns apart."""
+        """Add a candidate to a set; None if its columns are collinear in single precision."""
         columns = list(self.candidates[i].columns)
         left = self._G[columns] - one.D[:, columns].T @ one.D
         try:
@@ -231,7 +231,7 @@ class Sets:
         return _Set((*one.chosen, i), score, np.concatenate([one.D, D]), b, one.own - np.einsum("mi,mi->i", D, D))
 
     def _gains(self, one: "_Set") -> Array:
-        """Gain of each candidate beside a set less its cost, nats; -inf where nothing is left, or its sign is wrong."""
+        """Gain of each candidate beside a set, less its cost, nats; -inf if collinear with the set or of wrong sign."""
         gains = np.full(len(self.candidates), -np.inf)
         enough = one.own > LEFT_SHARE
         for group in self._groups:
@@ -250,7 +250,7 @@ class Sets:
         return gains
 
     def _selected(self, chosen: Sequence[int]) -> tuple[Selected, ...] | None:
-        """The effects of a set, with the sizes that fit together; None where they make no sense."""
+        """The effects of a set, with jointly fitted sizes; None if implausible."""
         candidates = [self.candidates[i] for i in chosen]
         columns = [i for c in candidates for i in c.columns]
         x = np.linalg.solve(self._G[np.ix_(columns, columns)], self._b[columns]) * self._scale[columns]
@@ -265,7 +265,7 @@ class Sets:
 
 
 def _least(candidate: Candidate) -> list[float]:
-    """The least coefficient that each column may have."""
+    """Lower bound of each column's coefficient."""
     if candidate.angle:
         return [-np.inf] * len(candidate.columns)
     return [-np.inf if name == "" or parameter(candidate.effect, name).signed else 0.0 for name in candidate.names]

@@ -1,4 +1,4 @@
-"""Smooth curves without a name, of every covariate and channel: they compete with the catalogue's names."""
+"""P-splines of every covariate and channel: unnamed smooth curves that compete with the catalogue's effects."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -19,18 +19,18 @@ from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-KNOTS: Final = 8  # an eighth of the range is the finest that a curve follows: limits its freedom
-TIME_KNOTS: Final = 16  # what swings several times in a drive
-CELLS: Final = 5  # along and across
+KNOTS: Final = 8  # a curve resolves an eighth of the range: limits its freedom
+TIME_KNOTS: Final = 16  # for errors that oscillate several times in a drive
+CELLS: Final = 5  # in x and in y
 DELAY: Final = "wheels' delay"
 PLACE: Final = "place"
-STANDING_M_S: Final = 0.02  # slower, a wheel's counts tell no direction of a slip
+STANDING_M_S: Final = 0.02  # slower, counts do not show the direction of a slip
 # T of (83), nats of a hat: from below noise to beyond any error, half a decade apart.
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
 
 
 class Channel(NamedTuple):
-    """Channel of a curve. `hat`: size of one hat, SI, so that amplitudes compare; `public`: units per SI unit."""
+    """Channel of a curve. `hat`: size of one hat, SI, to make amplitudes comparable; `public`: units per SI unit."""
 
     acts_on: str
     unit: str
@@ -55,7 +55,7 @@ CHANNELS: Final = {
 
 
 def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
-    """Errors that a curve's values along a motion, (n,), SI, add to the sensors, for each channel."""
+    """Functions, by channel, from a curve's values along a motion, (n,), SI, to errors of the sensors."""
     slope_l, slope_r = (np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
     moving = np.abs(m.speed_m_s) > STANDING_M_S
     return {
@@ -83,7 +83,7 @@ class Curve:
     knots: Array
     value: Array
     sigma: Array
-    gain: float  # nats above the selected effects, its freedom paid
+    gain: float  # nats above the selected effects, less the cost of its freedom
     amplitude: float  # T of (83)
 
 
@@ -93,10 +93,10 @@ class _SplineTerm:
     covariate: str
     knots: Array
     rows: npt.NDArray[np.float32]
-    rough: Array  # (k, k): what a curve that is not smooth costs
+    rough: Array  # (k, k): roughness penalty
 
     def products(self, marginal: Marginal, projected: Array) -> tuple[Array, Array]:
-        """Products of the hats among themselves, (k, k), and with data that `marginal` has projected, (k,)."""
+        """Products of the hats with each other, (k, k), and with data projected by `marginal`, (k,)."""
         S = self.rows.astype(float)
         return marginal.beside(S.T @ S, (S.T @ marginal.columns).T), S.T @ projected
 
@@ -121,7 +121,7 @@ class SplineTerms:
         self.cost = math.log(max(len(self._splines), 1)) + problem.per_parameter
 
     def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
-        """Each covariate, its hats on the fine grid, and the knots on which they stand."""
+        """Each covariate, its hats on the fine grid, and their knots."""
         for name, (x, knots) in covariates(self._problem).items():
             yield name, [_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots
         e = self._problem.evidence
@@ -133,9 +133,9 @@ class SplineTerms:
     def best(
         self, selection: Sequence[Selected], beside: Selected | None = None, wanted: tuple[str, str] | None = None
     ) -> Curve | None:
-        """The curve that explains most beside the selected effects; `beside`: instead of this one of them.
+        """The curve that explains most beside the selected effects; `beside`: the one of them that it replaces.
 
-        `wanted`: channel and covariate, if only one curve is asked for.
+        `wanted`: channel and covariate of the only curve to try.
         """
         problem = self._problem
         kept = [c for c in selection if c is not beside]
@@ -158,10 +158,9 @@ class SplineTerms:
         return best
 
     def reported(self, selected: Selected, others: Sequence[Selected], curve: Curve) -> Array:
-        """Curve (k,), in its unit, that an effect by itself is told as, beside others, with the same prior. (83)
+        """Curve (k,), in its unit, estimated from the rows of an effect alone, beside others, with the same prior. (83)
 
-        Where the robot stands the prior alone holds it, as it holds the mismatch's: the one is to be compared with the
-        other.
+        It is comparable with the curve of the mismatch: in both, the prior alone determines values at standstill.
         """
         smooth, marginal = self._of(curve), Marginal(nuisance_design(self._problem, others))
         G, b = smooth.products(marginal, marginal.projected(self._problem.effect_rows([selected])))
@@ -169,12 +168,12 @@ class SplineTerms:
         return np.asarray(value * CHANNELS[curve.channel].hat_in_public, float)
 
     def rows(self, curve: Curve) -> Array:
-        """Whitened data that a curve explains, (r,)."""
+        """The whitened data that a curve explains, (r,)."""
         result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
         return result
 
     def columns(self, curve: Curve) -> Array:
-        """Whitened data of what a curve is made of, (r, k), each with the prior 1."""
+        """Whitened basis of a curve, (r, k), scaled so that each coefficient has the prior 1."""
         smooth = self._of(curve)
         root = np.linalg.cholesky(smooth.rough / curve.amplitude)
         return np.asarray(np.linalg.solve(root, smooth.rows.T.astype(float)).T)
@@ -184,7 +183,7 @@ class SplineTerms:
 
 
 def _roughness(covariate: str, k: int) -> Array:
-    """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (83)"""
+    """Penalty on second differences (on a ring for phases; in x and y for places), and slightly on the size. (83)"""
     if covariate == PLACE:
         second, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
         return np.kron(second.T @ second, one) + np.kron(one, second.T @ second) + 0.05 * np.eye(k)
@@ -196,7 +195,7 @@ def _roughness(covariate: str, k: int) -> Array:
 
 
 def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array, float]:
-    """Evidence of a smooth curve, its size integrated over its best prior; curve, deviation, that prior. (83)"""
+    """Evidence of a smooth curve, maximised over its prior's amplitude; curve, deviation, that amplitude. (83)"""
     k = len(b)
     best = (-math.inf, np.zeros(k), np.zeros(k), AMPLITUDES[0])
     _, logdet_R = np.linalg.slogdet(R)
@@ -213,7 +212,7 @@ def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array, float]
 
 
 def _cells(x: Array, y: Array) -> tuple[list[Array], Array]:
-    """Bilinear hats of a grid of CELLS by CELLS knots over the places, and the knots, (k, 2)."""
+    """Bilinear hats on a grid of CELLS by CELLS knots over the places, and the knots, (k, 2)."""
     knots = [np.linspace(v.min(), v.max() + 1e-9, CELLS) for v in (x, y)]
     along, across = ([_hat(v, at, i, False) for i in range(CELLS)] for v, at in zip((x, y), knots, strict=True))
     return [a * b for a in along for b in across], np.array([(a, b) for a in knots[0] for b in knots[1]])
@@ -243,8 +242,8 @@ COVARIATE_UNITS: Final = {
 }
 
 
-# A delay is electronics': what comes with the motion's changes and depends on the motion besides is slip.
-# The gyro's scale against the rate is the gyro's error against the rate.
+# A delay comes from electronics: an error that grows with the change of the motion and depends on the motion is slip.
+# The gyro's scale as a function of the rate is the same as the gyro's error as a function of the rate.
 COVARIATES_OF: Final = {
     DELAY: ("time", "temperature", "temperature_rate"),
     "gyro's scale": tuple(d for d in COVARIATE_UNITS if d != "yaw_rate"),
@@ -255,7 +254,7 @@ def _is_shown(e: Evidence, channel: str, covariate: str) -> bool:
     """Whether a recording shows a curve of this channel and covariate."""
     if CHANNELS[channel].acts_on not in e.channels or covariate not in COVARIATES_OF.get(channel, (covariate,)):
         return False
-    # Without a gyro a delay that wanders is as well the reference's.
+    # Without a gyro a delay that varies may equally be the reference's.
     return (channel, covariate) != (DELAY, "time") or e.gyro_rad is not None
 
 

@@ -1,4 +1,4 @@
-"""Where a search sets out: what logic has shown, and the constants of a robot that is far from robot.yaml."""
+"""Starting point of a search: effects shown by logic, and the constants of a robot that is far from robot.yaml."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,11 +15,11 @@ from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import STRONG_NATS
 from drd_tools.diagnose.selected import Selected
 
-APART_S: Final = 2.0  # between fixes: four times what real drives hold their speeds for, and lidars average over
+APART_S: Final = 2.0  # between fixes: four times what real drives hold speeds, and lidars average, for
 
 
 class Start(NamedTuple):
-    """A problem with the data sheets' noise, the effects that are `known` from logic, and the `constants`, if any."""
+    """A problem with the data sheets' noise, the effects `known` by logic, and the `constants`, if any."""
 
     problem: Problem
     known: list[Selected]
@@ -27,33 +27,33 @@ class Start(NamedTuple):
 
     @property
     def held(self) -> list[Selected]:
-        """The effects that stay in any search."""
+        """The effects that every search keeps."""
         return [*self.known, *self.constants]
 
 
 def started(audited: Audit, measured: Constants) -> Start:
-    """The constants where they explain so much that nothing can be seen before they are off; else none. (79)
+    """Start from the constants if they explain so much that they would hide everything else; else from none. (79)
 
-    A reference that is late by itself is a real one.
+    A reference with a lag of its own is a real one.
     """
     problem = Problem(audited.evidence)
-    # An event of the wrong sign or size is none.
+    # Discard events with the wrong sign or size.
     known = [c for c in refine(problem, [event.selected for event in audited.events]).selection if is_plausible(c)]
     constants = list(measured.selection)
     far = replace(problem.evidence, is_far=True)
     if constants and _explained_nats(problem, known, constants) > STRONG_NATS:
         return Start(Problem(_apart(far), problem.path, near=problem), known, constants)
-    # Without wheels nothing else tells real ground from a model of it.
+    # Without wheels only the reference's lag distinguishes real ground from a simulation.
     if not far.has_wheels and far.reference_lag_s:
         return Start(Problem(far, problem.path, near=problem), known, [])
     return Start(problem, known, [])
 
 
 def _apart(e: Evidence) -> Evidence:
-    """The evidence without the fixes between which nothing is told of a far robot without a gyro. (79)
+    """Thin out the fixes of a far robot without a gyro. (79)
 
-    Within a second or two its drive holds and filters the speeds, the reference averages, and turns are smoothed: noise
-    that is none of (68), which takes a part of each turn for its own.
+    Within a second or two its drive holds and filters speeds, the reference averages, and turns are smoothed. As the
+    white noise of (68), these errors would absorb part of each turn.
     """
     if e.gyro_rad is not None or not e.has_wheels:
         return e
