@@ -1,4 +1,4 @@
-"""One cause as the regression knows it, before it is written down as a `results.Finding`, and in words."""
+"""One cause, as the regression represents it and in words, before it becomes a `results.Finding`."""
 
 import math
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ from drd_tools.diagnose.series import NO_GAIN, Gain
 
 @dataclass(frozen=True)
 class Cause:
-    """One cause. `selected` is None where it has no name; `curve` or `ripple` is then all that is known of it, and
-    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `rivals`: the names
-    that the recording cannot tell from it, as they fit. `fitted` (k,): the effect at the curve's knots.
+    """One cause. `selected` is None if it has no name; `curve` or `ripple` then describes it, and `surrogate` is the
+    nearest name, which the model may contain in its place, since it has no curves. `rivals`: the names, as fitted, that
+    the recording cannot distinguish from it. `fitted` (k,): the effect at the curve's knots.
     """
 
     selected: Selected | None
@@ -76,7 +76,7 @@ def named(causes: Sequence[Cause]) -> list[Selected]:
 
 
 def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str]) -> str:
-    """A finding in words; `explains`: its share of the mismatch, where that is known."""
+    """A finding in words; `explains`: its share of the mismatch, if known."""
     shown = []
     for q in selected.effect.parameters:
         if q.choices:
@@ -96,7 +96,7 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
 
 
 def rounded(value: float, sigma: float) -> str:
-    """A value with its deviation, with as many digits as that warrants."""
+    """Format a value and its deviation, with as many digits as that warrants."""
     if sigma <= 0.0:
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))

@@ -1,4 +1,4 @@
-"""The conclusion: which of the selected effects are causes, what has no name, and what is ruled out."""
+"""The conclusion: which selected effects are causes, which causes have no name, and which effects are ruled out."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -33,20 +33,20 @@ from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.splines import CHANNELS, Curve, SplineTerms
 from drd_tools.diagnose.selected import SCALE, Selected
 
-# What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said. Found
-# by the trial.
+# A world slightly unlike the model gives this much to some name or curve: weaker causes are not reported. Found by
+# the trial.
 LEAST_NATS: Final = 12.0
-FAILING_NATS: Final = -0.01  # of both halves: 0, for or against nothing, but for rounding
-# A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
-UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: 14 % of their size is another form
-SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
+FAILING_NATS: Final = -0.01  # of both halves: 0 up to rounding, neither for nor against
+# An unnamed curve, beside all names, must not be the mere remainder of a name's imperfect form.
+UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: an error of form of 14 % of their size
+SUSPECTING: Final = 0.5  # p: beyond, chance does as well more often than not
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """Causes, the largest share first, and what was not found.
+    """Causes, the largest share first, and effects that were not found.
 
-    `of_the_reference`: delays and clock rates that it may well have by itself, where no gyro tells whose they are.
+    `of_the_reference`: delays and clock rates attributed to the reference, for lack of a gyro to show whose they are.
     """
 
     causes: list[Cause]
@@ -61,8 +61,8 @@ class Conclusion:
 def conclude(
     found: Found, events: Sequence[Event], calibrated: Collection[str] = (), expected: Collection[str] = ()
 ) -> Conclusion:
-    """Judge each selected effect, and what is left. `calibrated`, `expected`: names that a calibration, other
-    recordings have given.
+    """Judge each selected effect, and the remaining mismatch. `calibrated`, `expected`: names from a calibration and
+    from other recordings.
     """
     constants = {*calibrated, *expected}
     logic = [e.selected for e in events]
@@ -112,7 +112,7 @@ def conclude(
 
 
 def _straight(found: Found) -> Found:
-    """Each effect beside a straight line as that line, where what it bends gains next to nothing."""
+    """Replace an effect by its linear term alone if its nonlinear part gains next to nothing."""
     for one in found.fit.selection:
         line = one.effect.beside
         if line is None or SCALE.name not in one.values or one.effect.absorbed(one.values, 0.0) is not None:
@@ -129,8 +129,8 @@ def _straight(found: Found) -> Found:
 def _left_over(
     found: Found, search: Search, splines: SplineTerms, left: Curve, causes: Sequence[Cause], explains: float
 ) -> list[Cause]:
-    """The curve that is left beside all causes, where neither chance nor one of them brings it."""
-    # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
+    """The curve that remains beside all causes, if neither chance nor one of them explains it."""
+    # Flip the noise that it leaves: a cause whose sign alternates would itself look like chance.
     rest = found.fit.left - splines.rows(left)
     p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
     curves = [f.curve for f in causes if f.selected is None and f.curve is not None]
@@ -141,7 +141,7 @@ def _left_over(
 
 
 def _merged(findings: Sequence[Cause]) -> list[Cause]:
-    """Sort the causes, the largest share first, and merge the names that one and the same curve beats."""
+    """Sort the causes, the largest share first, and merge the names that the same curve replaces."""
     found: dict[tuple[str, str] | int, Cause] = {}
     for i, finding in enumerate(sorted(findings, key=lambda f: -f.explains)):
         key = (
@@ -161,8 +161,8 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
 
 
 def _at_likeliest_moments(problem: Problem, fit: Fit) -> Fit:
-    """The fit with what begins and stays at its likeliest moments: two steps may have had the moment of one between
-    them, which no descent from either of theirs reaches.
+    """Move effects that begin and last to their most likely times: one step may lie between two that were found, where
+    no descent from either leads.
     """
     length_s = float(np.ptp(problem.evidence.edges_s))
     for i, one in enumerate(fit.selection):
@@ -175,7 +175,7 @@ def _at_likeliest_moments(problem: Problem, fit: Fit) -> Fit:
 def _in_place_of_several(
     found: Found, search: Search, splines: SplineTerms, chance: Array, constants: Collection[str]
 ) -> tuple[Found, list[Cause]]:
-    """Replace all names of a channel by one curve without a name where that is better; its share is not known yet."""
+    """Replace all names of a channel by one unnamed curve if that is better; its share is not known yet."""
     problem, fit = found.problem, found.fit
     unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
@@ -200,22 +200,22 @@ def _in_place_of_several(
 
 
 def _tests(found: Found, search: Search) -> list[OtherHalf]:
-    """A test of each selected effect on data that it was not fitted to."""
+    """Predictive test of each selected effect."""
     return [OtherHalf(found.problem, search.library, found.fit, c) for c in found.fit.selection]
 
 
 def _fails(problem: Problem, test: OtherHalf) -> bool:
-    """Whether data that an effect was not fitted to speak against it."""
+    """Whether data to which an effect was not fitted contradict it."""
     return sum(test.nats) <= FAILING_NATS or not holds(problem, test.nats)
 
 
 def _held(
     found: Found, search: Search, tests: Sequence[OtherHalf], constants: Collection[str], expected: Collection[str] = ()
 ) -> Found:
-    """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
+    """Drop the selected effects that fail on data to which they were not fitted, or gain next to nothing.
 
-    One at a time: of two that share an effect each fails beside the other. One that shows in a single fix has no such
-    data: nothing speaks against it there.
+    One at a time: of two that share an effect, each fails beside the other. An effect visible in a single fix cannot be
+    tested so, and stays.
     """
     problem, fit = found.problem, found.fit
     stays = search.known.union(constants)
@@ -231,7 +231,7 @@ def _held(
         if worth[least] >= LEAST_NATS:
             break
         name, rest = others[least].id, rests[least]
-        # Without a constant that is far off, the others are linear around the wrong path.
+        # Without a constant that is far off, the others are linearised around the wrong path.
         if name in constants and linearised(problem, rest, found.null).fit.cost - fit.cost >= LEAST_NATS:
             stays = stays | {name}
         else:
@@ -239,5 +239,5 @@ def _held(
     if fit is found.fit:
         return found
     fit = _at_likeliest_moments(problem, fit)
-    # Constants far off were linearised around beside the others, which took part of them.
+    # The constants were linearised around together with the dropped effects, which absorbed part of them.
     return linearised(problem, fit, found.null) if constants else Found(problem, fit, found.null)

@@ -1,4 +1,4 @@
-"""Tests of a selected effect: against chance anywhere in the catalogue, and on data it was not fitted to."""
+"""Tests of a selected effect: family-wise against chance, and on data to which it was not fitted."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,26 +16,26 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
 
-BLOCK_S: Final = 20.0  # longer than slip and references hang together, (78): signs of blocks are exchangeable
+BLOCK_S: Final = 20.0  # longer than slip and references are correlated, (78): signs of blocks are exchangeable
 FLIPS: Final = 999  # p is a multiple of 0.001: finer than any threshold on it
-SEGMENTS: Final = 10  # five in each half: a window of time is in both, and slow changes too
-LEAST_SEEN: Final = 0.01  # of an effect's square, besides the time at which it is seen most
-LARGEST_NATS: Final = 690.0  # exp of more is no double
-LEAST_NORM: Final = 1e-100  # of a column: what is less was never seen, and to scale it would overflow
+SEGMENTS: Final = 10  # five in each half: both contain windows of time and slow changes
+LEAST_SEEN: Final = 0.01  # of an effect's square, outside the time at which it is most visible
+LARGEST_NATS: Final = 690.0  # exp of more overflows
+LEAST_NORM: Final = 1e-100  # of a column: a smaller one is unobserved, and scaling it would overflow
 SEED: Final = 20  # any: the same recording gives the same p
 
 
 def blocks(problem: Problem) -> npt.NDArray[np.intp]:
-    """Number of the block of BLOCK_S that each whitened row is in, (r,)."""
+    """Index of the block of BLOCK_S that contains each whitened row, (r,)."""
     t = problem.row_time_s
     return np.asarray((t - t.min()) / BLOCK_S, np.intp)
 
 
 def chance_gains(problem: Problem, library: Library, left: Array, name: str = "") -> Array:
-    """The most that any candidate gains where nothing is there, (FLIPS,), nats: blocks' signs are flipped at random.
+    """Largest gain of any candidate by chance, (FLIPS,), nats, under random flips of the signs of blocks.
 
-    What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together. (84)
-    `name`: of the only effect that was looked for; else it is any of the catalogue.
+    Flipping whole blocks keeps the likelihood of noise, but destroys an effect that persists over blocks. (84)
+    `name`: of the only effect that was searched for; by default the whole catalogue was.
     """
     columns, square = library.columns, np.diag(library.products)
     if name:
@@ -52,15 +52,15 @@ def chance_gains(problem: Problem, library: Library, left: Array, name: str = ""
 
 
 def family_wise_p(gain: float, chance: Array) -> float:
-    """Probability that chance alone gives any candidate such a gain."""
+    """Probability that some candidate gains as much by chance alone."""
     return float((1 + (chance >= gain).sum()) / (1 + len(chance)))
 
 
 class OtherHalf:
-    """A selected effect, judged on each half of the data as the other half has it. (85)
+    """Predictive test of a selected effect: fitted to each half of the data, evaluated on the other. (85)
 
-    The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
-    and without the selected effect, the other selected effects are as the other half has them.
+    The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. The
+    other selected effects are predicted from the same half, with and without the tested one.
     """
 
     def __init__(self, problem: Problem, library: Library, fit: Fit, selected: Selected):
@@ -69,11 +69,11 @@ class OtherHalf:
 
     @cached_property
     def nats(self) -> tuple[float, float]:
-        """Log likelihood ratio of the effect on each half; 0 where it shows in none."""
+        """Log likelihood ratio of the effect on each half; 0 if it is visible in neither."""
         return _on_each(self._halves, partial(_nats, self._library, self.selected))
 
     def curve_nats(self, columns: Array) -> tuple[float, float]:
-        """The same of a curve in the effect's place; `columns` (r, k): of prior 1."""
+        """Log likelihood ratio of a curve in the effect's place, on each half; `columns` (r, k): of prior 1."""
         return _on_each(self._halves, partial(_curve_nats, columns))
 
     @cached_property
@@ -83,15 +83,15 @@ class OtherHalf:
 
 
 def curve_nats(problem: Problem, fit: Fit, rows: Array, columns: Array) -> tuple[float, float]:
-    """Log likelihood ratio of a curve beside all effects of a fit, on each half as the other half has it. (85)
+    """Log likelihood ratio of a curve beside all effects of a fit, on each half as predicted from the other. (85)
 
-    `rows` (r,): what it explains; `columns` (r, k): what it is made of, of prior 1.
+    `rows` (r,): data that it explains; `columns` (r, k): its basis, of prior 1.
     """
     return _on_each(_split(problem, fit.selection, rows), partial(_curve_nats, columns))
 
 
 class _Half(NamedTuple):
-    """Half of the data: its problem, its rows of all, columns that it has for itself, and those that both share."""
+    """Half of the data: its problem, its rows among all, columns of this half alone, and columns common to both."""
 
     problem: Problem
     rows: npt.NDArray[np.bool_]
@@ -100,13 +100,13 @@ class _Half(NamedTuple):
 
 
 def _on_each(halves: tuple[_Half, _Half] | None, nats: Callable[[_Half, _Half], float]) -> tuple[float, float]:
-    """Nats of each half as the other has it; 0 where there are none."""
+    """Nats of each half as predicted from the other; 0 if there are no halves."""
     return (0.0, 0.0) if halves is None else (nats(halves[0], halves[1]), nats(halves[1], halves[0]))
 
 
 def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_Half, _Half] | None:
-    """Halves, less the other effects, of segments in which `rows` (r,) are as visible; None where they are nowhere, or
-    at one time only: what one fix tells is not borne out by another of its numbers.
+    """Halves, less the other effects, of segments in which `rows` (r,) are equally visible; None if they are visible
+    nowhere or at one time only: the components of a single fix do not confirm each other.
     """
     data = problem.data - problem.effect_rows(others)
     soft, freed = nuisance_columns(problem, others)
@@ -122,16 +122,16 @@ def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_
 
 
 def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> float:
-    """Log likelihood ratio of the effect on `test`, as `train` has it; 0 where that shows none.
+    """Log likelihood ratio of the effect on `test`, as learned from `train`; 0 if `train` does not show it.
 
-    How well those rows know its parameters is integrated over: what was learned from little predicts little. (85)
+    The uncertainty of the learned parameters is integrated out: little data predict little. (85)
     """
     part = train.problem
     if selected.begin_s is None:
         found = _relearned(part, library, train.rows, selected)
         choices = 1
     else:
-        # Half of the data does not know where an interval ends: its place is kept, and the choice of it is paid for.
+        # Half of the data cannot determine an interval's edges: keep them, and charge for the choice of its place.
         found = _resized(part, selected)
         choices = max(1, sum(c.effect.id == selected.id for c in library.candidates))
     if found is None:
@@ -144,13 +144,13 @@ def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> fl
 
 
 def _curve_nats(columns: Array, train: _Half, test: _Half) -> float:
-    """Log likelihood ratio of a curve on `test`, as `train` has it."""
+    """Log likelihood ratio of a curve on `test`, as learned from `train`."""
     halves = train, test
     return _log_ratio(train, test, [columns[h.rows] for h in halves], [h.problem.data for h in halves])
 
 
 def _log_ratio(train: _Half, test: _Half, columns: Sequence[Array], left: Sequence[Array]) -> float:
-    """Log likelihood ratio, on `test` as `train` has them, of rows `left` that have these columns, and of the data.
+    """Log likelihood ratio on `test`, as learned from `train`, of the residual `left` with these columns over the data.
 
     `columns`, `left`: of both halves; the columns' prior is 1.
     """
@@ -161,7 +161,7 @@ def _log_ratio(train: _Half, test: _Half, columns: Sequence[Array], left: Sequen
 
 
 def _predicted(soft: Array, freed: Array, left: Array) -> Callable[[Array, Array, Array], float]:
-    """Log likelihood of other rows, with coefficients of `freed` (r, k), of prior 1, as a residual (r,) has them."""
+    """Predictive log likelihood of other rows, with the posterior of the coefficients of `freed` (r, k), of prior 1."""
     M = Marginal(soft).projected(np.column_stack([freed, left]))
     P = np.linalg.inv(np.eye(freed.shape[1]) + freed.T @ M[:, :-1])
     mean, root = P @ (freed.T @ M[:, -1]), _root(0.5 * (P + P.T))
@@ -173,20 +173,20 @@ def _predicted(soft: Array, freed: Array, left: Array) -> Callable[[Array, Array
 
 
 def _root(P: Array) -> Array:
-    """A root of a covariance (k, k), which may be singular."""
+    """Square root of a covariance (k, k), which may be singular."""
     values, vectors = np.linalg.eigh(P)
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
 
 
 def _resized(part: Problem, selected: Selected) -> Selected:
-    """The selected effect with the linear parameters that a part of the data gives it."""
+    """The selected effect with its linear parameters refitted to a part of the data."""
     free = tuple(name for name in selected.free if selected.parameter(name).linear)
     return refine(part, [replace(selected, free=free)]).selection[0]
 
 
 def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], selected: Selected) -> Selected | None:
-    """The selected effect as a part of the data alone shows it: its best variant in the library, refined."""
+    """The selected effect as learned from a part of the data alone: its best variant in the library, refined."""
     best, most = None, 0.0
     variants = [c for c in library.candidates if c.effect.id == selected.id]
     index = sorted({i for c in variants for i in c.columns})
@@ -220,7 +220,7 @@ def gain_over_time(problem: Problem, fit: Fit, selected: Selected) -> tuple[Arra
 
 
 def rms_per_block(problem: Problem, left: Array) -> tuple[Array, Array]:
-    """Rms of whitened rows per block, at the blocks' middles."""
+    """Rms of whitened rows per block, at the middles of the blocks."""
     index = blocks(problem)
     count = np.bincount(index)
     start = float(problem.row_time_s.min())
@@ -229,7 +229,7 @@ def rms_per_block(problem: Problem, left: Array) -> tuple[Array, Array]:
 
 
 def unseen_rms(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Rms of the whitened data without and with the effects; all that is fitted is that of the other half each time.
+    """Cross-validated rms of the whitened data without and with the effects, each half fitted to the other.
 
     The halves are alternating blocks.
     """

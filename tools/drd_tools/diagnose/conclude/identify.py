@@ -1,4 +1,4 @@
-"""Identifiability in a recording: smallest sizes, estimates of what was not found, names it cannot separate."""
+"""Identifiability in a recording: smallest detectable sizes, estimates of effects not found, classes of names."""
 
 import itertools
 import math
@@ -16,7 +16,7 @@ from drd_tools.diagnose.select.library import is_absent, library_of
 from drd_tools.diagnose.select.sets import Sets
 
 APART_NATS: Final = 3.0  # odds of 20 to 1 between two names
-TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
+TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above the cost of a name
 
 
 class Identifiability:
@@ -30,14 +30,14 @@ class Identifiability:
         self._norm = np.sqrt(np.maximum(np.diag(self._products), 0.0))
 
     def detectable(self) -> dict[str, Smallest]:
-        """Smallest size of each effect that would be found, in its first parameter's unit."""
+        """Smallest detectable size of each effect, in the unit of its first parameter."""
         found: dict[str, Smallest] = {}
         held = self._estimates.held
         for candidate in self._library.candidates:
             if len(candidate.columns) > 1 and not candidate.angle:
                 continue
             at, effect = list(candidate.columns), candidate.effect
-            # Beside itself, an effect that is held could have any size.
+            # Projected off itself, a held effect would be invisible.
             norm = self._norm[at].max() if effect.id in held else (1.0 / self._estimates.sigma[at]).max()
             if norm <= 0.0:
                 continue
@@ -45,7 +45,7 @@ class Identifiability:
             q = effect.parameters[0] if effect.parameters[0].choices == () else effect.parameters[1]
             if effect.linear():
                 q = next(p for p in effect.parameters if p.name in (candidate.names[0], effect.linear()[0]))
-            else:  # of the variant's own size, such a share
+            else:  # a multiple of the variant's own size
                 size *= abs(float(candidate.shape[q.name]))
             value = size / q.si
             best = found.get(effect.id)
@@ -54,7 +54,7 @@ class Identifiability:
         return found
 
     def classes(self) -> list[list[str]]:
-        """Effects that cannot be told apart in this recording where they are of a size that is just well seen."""
+        """Effects that this recording cannot distinguish if they are of typical detectability."""
         norm = np.maximum(self._norm, 1e-30)
         R = np.abs(self._products / norm[:, None] / norm)
         first: dict[str, list[int]] = {}
@@ -70,7 +70,7 @@ class Identifiability:
         return [sorted(s) for s in together]
 
     def bounds(self) -> dict[str, str]:
-        """Estimate of each effect that is not held, and the nats that it is worth, in words."""
+        """Estimate of each effect that is not held, and its gain in nats, in words."""
         said: dict[str, tuple[float, str]] = {}
         for candidate in self._library.candidates:
             (i, *others), effect = candidate.columns, candidate.effect
@@ -94,8 +94,8 @@ class Identifiability:
 
 
 def not_observable(e: Evidence, seen: Collection[str], found: Collection[str] = ()) -> list[Because]:
-    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show beside those
-    that were `found`.
+    """Effects that the recording cannot show, whatever their size. `seen`: those that it would show beside those
+    `found`.
     """
     no_wheels = "the recording has no wheel encoders"
     missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}

@@ -1,4 +1,4 @@
-"""The judgement of one effect: how sure it is, what else it could be, and where."""
+"""Judgement of one effect: its status, its rivals, and its windows of time."""
 
 import math
 from collections.abc import Sequence
@@ -30,25 +30,25 @@ from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerm
 from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.series import Gain
 
-# A curve without a name must be no mere rest of a name's imperfect form.
-GENERIC_SHARE: Final = 0.01  # of the names' worth, or
-UNLIKE_SHARE: Final = 0.25  # of them where the world is unlike the model, and no name has the exact form, or
-UNLIKE_NOISE: Final = 1.5  # times the noise that is stated: from there on it is
-GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name: found by the trial
-FAMILY_WISE: Final = 0.05  # the usual 5 %, over all of the catalogue
+# An unnamed curve must not be the mere remainder of a name's imperfect form.
+GENERIC_SHARE: Final = 0.01  # margin, of the names' worth
+UNLIKE_SHARE: Final = 0.25  # the same if the world is unlike the model, so that no name has the exact form
+UNLIKE_NOISE: Final = 1.5  # times the stated noise: beyond, the world is unlike the model
+GENERIC_NATS: Final = 5.0  # least margin of an unnamed curve over a name: found by the trial
+FAMILY_WISE: Final = 0.05  # the usual 5 %, over the whole catalogue
 CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decisive (Jeffreys 1961)
 
 
 def margin(problem: Problem, worth: float) -> float:
-    """Nats by which a curve without a name must beat names of that worth."""
+    """Nats by which an unnamed curve must beat names of that worth."""
     slip = ratios(problem).get("slip") or 0.0
     is_unlike = problem.evidence.is_far or slip > UNLIKE_NOISE
     return max(GENERIC_NATS, (UNLIKE_SHARE if is_unlike else GENERIC_SHARE) * worth)
 
 
 def status_of(p: float, e: float, nothing: float = 0.0) -> Status:
-    """Status of a finding that chance brings with probability p, and that unseen data bear out by odds of e; `nothing`:
-    the probability that nothing is there.
+    """Status of a finding with family-wise probability p by chance and e-value e on unseen data; `nothing`: the
+    probability that there is no effect.
     """
     if p > FAMILY_WISE or 1.0 - nothing < BARELY * nothing:
         return Status.SUSPECTED
@@ -56,7 +56,7 @@ def status_of(p: float, e: float, nothing: float = 0.0) -> Status:
 
 
 def holds(problem: Problem, unseen: tuple[float, float]) -> bool:
-    """Whether either half of the data bears it out: what only one half of real ground shows is the ground's."""
+    """Whether neither half of the data contradicts it: real ground causes effects that only one half shows."""
     return not problem.evidence.is_far or min(unseen) > -APART_NATS
 
 
@@ -71,18 +71,18 @@ def judge(
     explains: float,
     is_constant: bool,
 ) -> Cause:
-    """A selected effect, as `reported`, or in its place a curve without a name, where that is better."""
+    """Judge a selected effect, as `reported`, or replace it by an unnamed curve if that is better."""
     problem, fit, selected = found.problem, found.fit, test.selected
     others = [c for c in fit.selection if c is not selected]
     rest = refine(problem, others)
     worth = rest.cost - fit.cost
     e = e_value(test.nats)
-    # A constant was looked for before all others.
+    # A constant was tested alone, before all other effects.
     by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
     p = family_wise_p(worth, by_chance)
     rivals = rivals_of(found, search, selected, rest, near)
     rival = splines.best(fit.selection, selected)
-    # A constant that a calibration gives is no curve, whatever varies about it.
+    # A calibrated constant is never replaced by a curve, however it varies.
     unnamed = None if is_constant or rival is None else _unnamed_nats(problem, test, rival, worth, splines, rivals.own)
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
@@ -108,17 +108,17 @@ def judge(
 def _unnamed_nats(
     problem: Problem, test: OtherHalf, rival: Curve, worth: float, splines: SplineTerms, own: float
 ) -> float:
-    """Nats of a curve without a name, less those by which it must beat an effect of that worth; `own`: the effect's."""
+    """Nats of an unnamed curve, less its required margin over an effect of that worth; `own`: the effect's nats."""
     nats = rival.gain - margin(problem, worth)
     if problem.evidence.is_far:
-        # Where the world is unlike the model some curve always fits better: it has to predict either half better, too.
+        # If the world is unlike the model, some curve always fits better: it must also predict both halves better.
         unseen = test.curve_nats(splines.columns(rival))
         nats = min(nats, *(own + u - n for u, n in zip(unseen, test.nats, strict=True)))
     return nats
 
 
 def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
-    """The mismatch that an effect explains, against the effect's own covariate where that is one of the smooths'."""
+    """The mismatch that an effect explains, as a curve of the effect's own covariate if there is one."""
     options = [
         splines.best(found.fit.selection, selected, (channel, selected.effect.covariate))
         for channel, where in CHANNELS.items()
@@ -129,7 +129,7 @@ def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve 
 
 
 def judge_event(selected: Selected, event: Event, explains: float) -> Cause:
-    """An effect that the readings show by logic."""
+    """Judge an effect that the readings show by logic."""
     e = math.exp(min(event.nats, LARGEST_NATS))
     p = max(min(1.0, len(catalogue()) / e), 1e-6)
     text = f"{selected.effect.sentence} Observed: {event.seen}."
@@ -155,7 +155,7 @@ def judge_curve(
     e: float = 1.0,
     probabilities: dict[str, float] | None = None,
 ) -> Cause:
-    """A smooth error that no effect of the catalogue makes."""
+    """Judge a smooth error that no effect of the catalogue explains."""
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
         "around x = {:.3g} m, y = {:.3g} m".format(*curve.knots[peak])
@@ -182,7 +182,7 @@ def judge_curve(
 
 
 def judge_ripple(ripple: Ripple) -> Cause:
-    """A periodic error of a wheel, without a name."""
+    """Judge an unnamed periodic error of a wheel."""
     text = (
         f"Something outside the catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
         f"{ripple.sigma_order:.2g} times per revolution, as a gear does: the wheel reads up to "

@@ -1,4 +1,4 @@
-"""Results from the conclusion: verdict, findings, model, and the series that are drawn."""
+"""Results of the conclusion: verdict, findings, model, and the series to be drawn."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -22,12 +22,12 @@ from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.diagnose.series import Course, Mismatch, Residual
 from drd_tools.recordings.folder import Recording
 
-WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
+WHOLE_SHARE: Final = 0.1  # of the mismatch: at most this much may remain in an explained one
 BAND_SIGMAS: Final = 1.96  # 95 % of a Gaussian
 
 
 def verdict(conclusion: Conclusion) -> Verdict:
-    """The verdict of a conclusion. Much more noise than is stated may be physics, too."""
+    """The verdict of a conclusion. Noise far above its stated size may hide physics, too."""
     causes = conclusion.causes
     loud = is_loud(conclusion.found.problem)
     if not causes:
@@ -39,13 +39,13 @@ def verdict(conclusion: Conclusion) -> Verdict:
 
 
 def term_of(m: Motion, selected: Selected) -> Term:
-    """An effect with its parameters in the catalogue's units, and where its covariate was along a motion."""
+    """An effect with its parameters in the catalogue's units, and the range of its covariate along a motion."""
     amounts, choices = parameters_of(selected)
     return Term(effect=selected.id, parameters=amounts, choices=choices, seen=seen(m, selected))
 
 
 def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]]:
-    """Numbers of an effect, in the catalogue's units, and its words."""
+    """Numerical parameters of an effect, in the catalogue's units, and its choices."""
     effect = selected.effect
     absorbed = effect.absorbed(selected.values, selected.number(SCALE.name)) if SCALE.name in selected.values else None
     values = selected.values if absorbed is None else absorbed
@@ -58,7 +58,7 @@ def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]
 
 
 def terms_of(conclusion: Conclusion) -> list[Term]:
-    """The findings as a model's effects, each with the effect beside which alone its form is known."""
+    """The findings as a model's effects, each with the linear term up to which its form is determined."""
     motion, made = conclusion.found.problem.sensitivities.motion, []
     for selected in (c.selected for c in conclusion.causes if c.selected is not None):
         made.append(term_of(motion, selected))
@@ -72,7 +72,7 @@ def terms_of(conclusion: Conclusion) -> list[Term]:
 
 
 def terms_found(findings: Iterable[Finding]) -> list[Term]:
-    """The findings that have a name, as a model's effects."""
+    """The named findings as a model's effects."""
     return [
         Term(
             effect=f.effect,
@@ -120,7 +120,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
 
 
 def _periodic(ripple: Ripple | None) -> tuple[dict[str, Amount], dict[str, str]]:
-    """Side, order and amplitude of a cause that repeats with a wheel's angle; nothing of another without a name."""
+    """Side, order and amplitude of a cause that repeats with a wheel's angle; empty for other unnamed causes."""
     if ripple is None:
         return {}, {}
     amounts = {
@@ -131,12 +131,12 @@ def _periodic(ripple: Ripple | None) -> tuple[dict[str, Amount], dict[str, str]]
 
 
 def findings_of(conclusion: Conclusion) -> list[Finding]:
-    """All causes as they are reported, the largest share first."""
+    """All causes as findings, the largest share first."""
     return [finding_of(cause, conclusion.found.problem) for cause in conclusion.causes]
 
 
 def course_of(cause: Cause) -> Course:
-    """Series that are drawn of a cause."""
+    """Series to be drawn for a cause."""
     if cause.ripple is not None:
         return Course(cause.effect, _folded(cause.ripple), cause.gain)
     curve, fitted, nothing = cause.curve, cause.fitted, np.zeros(0)
@@ -164,7 +164,7 @@ def course_of(cause: Cause) -> Course:
 
 
 def _folded(ripple: Ripple) -> Mismatch:
-    """The error over a period, and the ripple."""
+    """The error over a period, and the fitted ripple."""
     phase_rad, error, sigma = ripple.folded
     fit_rad = np.linspace(0.0, 2.0 * np.pi, 73)
     fit, band = ripple.amplitude * np.cos(fit_rad + ripple.phase), BAND_SIGMAS * ripple.sigma
@@ -193,7 +193,7 @@ def _relative_sigma(selected: Selected) -> float:
 
 
 def residual_of(null: Array, null_problem: Problem, conclusion: Conclusion) -> Residual:
-    """Rms of the whitened data per block, before and after."""
+    """Rms of the whitened data per block, without and with the effects."""
     time_s, before = rms_per_block(null_problem, null)
     _, after = rms_per_block(conclusion.found.problem, conclusion.found.fit.left)
     return Residual(time_s, before, after)

@@ -1,4 +1,4 @@
-"""Delays and clock rates beside those of the reference: whose they may be, and by how much the two are apart. (87)"""
+"""Delays and clock rates that may be the reference's own, and the offset between wheels and reference. (87)"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, joint_covariance
 from drd_tools.diagnose.selected import Selected
 
-REFERENCE_S: Final = 0.05  # delay that is usual of a motion capture by network
-CLEARLY: Final = 3.0  # sigmas: of a fault that is told
+REFERENCE_S: Final = 0.05  # usual delay of motion capture over a network
+CLEARLY: Final = 3.0  # sigmas: of a reported fault
 BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 1961)
 
 
 def reference_deviation(problem: Problem, selected: Selected, name: str) -> float:
-    """Deviation of a delay or a clock's rate by those of the reference, where there is no gyro to tell them apart."""
+    """Deviation of a delay or clock rate due to those of the reference, if no gyro separates them; else 0."""
     if not selected.is_timing or problem.evidence.gyro_rad is not None:
         return 0.0
     lasts_s = float(np.ptp(problem.evidence.edges_s))
@@ -31,11 +31,11 @@ def reference_deviation(problem: Problem, selected: Selected, name: str) -> floa
 
 
 class Apart(NamedTuple):
-    """By how much wheels and reference are apart, each with its deviation.
+    """Offsets between wheels and reference, each with its deviation.
 
-    `nuisances`: by name, SI; DRIFT is the growth of the reference's lag by itself, s/s. `by_unit`: whosever fault it
-    is, by the unit that it is told in: how late the wheels are in the drive's middle, s, and by how much the
-    reference's clock runs away from theirs, s/s.
+    `nuisances`: by name, SI; DRIFT is the growth of the reference's own lag, s/s. `by_unit`: total offset, whatever its
+    cause, by the parameter's unit: delay of the wheels at the middle of the drive, s, and rate at which the
+    reference's clock departs from theirs, s/s.
     """
 
     nuisances: Mapping[str, tuple[float, float]]
@@ -43,13 +43,13 @@ class Apart(NamedTuple):
 
 
 def apart(problem: Problem, fit: Fit) -> Apart:
-    """By how much wheels and reference are apart in a fit."""
+    """Offsets between wheels and reference in a fit."""
     free = [(selected, name) for selected in fit.selection for name in selected.free]
     x = np.concatenate([fit.nuisance, [selected.number(name) for selected, name in free]])
     covariance = joint_covariance(problem, fit)
 
     def summed(of_reference: Mapping[str, float], of_times: Mapping[str, float]) -> tuple[float, float]:
-        """Nuisances, by name, and delays and clock rates, by unit, each so many times."""
+        """Weighted sum, with its deviation, of nuisances, by name, and of delays and clock rates, by unit."""
         nuisances = [of_reference.get(name, 0.0) * size for name, size, _ in problem.nuisances]
         times = [of_times.get(c.parameter(name).unit, 0.0) * c.is_timing for c, name in free]
         w = np.array([*nuisances, *times])
@@ -69,10 +69,10 @@ def _middle_s(problem: Problem) -> float:
 
 
 def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
-    """The estimates, and the odds that each has an effect in it and is not the reference's own alone.
+    """The estimates, and for each the odds that it is more than the reference's own delay or clock rate.
 
-    Infinite for what is no delay or clock's rate, and where a gyro tells. Where the growth of a delay is as well the
-    reference's own, the delay is that of the drive's middle.
+    The odds are infinite for other effects, and with a gyro. If the growth of a delay may equally be the reference's,
+    the delay is that at the middle of the drive.
     """
     grown = [c for c in estimates if c.effect.begins is Begins.GROWING and _odds(problem, c) < BARELY]
     by_then = delays_s(grown, np.full(2, _middle_s(problem)))
@@ -81,7 +81,7 @@ def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple
 
 
 def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
-    """A delay that is longer by these; any other effect as it is."""
+    """Lengthen a delay by these; leave any other effect unchanged."""
     if not selected.is_timing or selected.effect.begins is Begins.GROWING:
         return selected
     more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
@@ -98,7 +98,7 @@ def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
         return math.inf
     q, sigma = selected.parameter(name), selected.sigma(name)
     high = q.high * q.si
-    x = min(abs(selected.number(name)), high)  # what is larger is no likelier the reference's
+    x = min(abs(selected.number(name)), high)  # larger values are no more likely the reference's
     if sigma == 0.0:
         return math.inf
     low = -high if q.signed else 0.0

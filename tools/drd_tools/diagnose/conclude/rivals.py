@@ -15,13 +15,13 @@ from drd_tools.diagnose.select.library import is_possible
 from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.selected import Selected
 
-TRIED: Final = 8  # names tried in an effect's place, the best by the linear ranking: limits the time
-FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
+TRIED: Final = 8  # names tried in an effect's place, the best by linear ranking: limits the time
+FAR_NATS: Final = 30.0  # the score of a rival so much worse need not be exact
 LEAST_PROBABILITY: Final = 0.001  # less is not reported
 
 
 class Near(NamedTuple):
-    """A set of names as it fits, and its averaged score, nats."""
+    """A set of names, its fit, and its averaged score, nats."""
 
     names: frozenset[str]
     fit: Fit
@@ -30,10 +30,10 @@ class Near(NamedTuple):
 
 @dataclass(frozen=True)
 class Rivals:
-    """Names in one effect's place. `own`: its score, nats above that nothing is there.
+    """Names in one effect's place. `own`: its score, nats above that of "nothing".
 
-    `nats`: of its own name and the others, from all sets with each, above that nothing is there. `alike`: those that
-    the recording cannot tell from its own, as they fit.
+    `nats`: of its own name and the others, from all sets with each, above "nothing". `alike`: those, as fitted, that
+    the recording cannot distinguish from it.
     """
 
     name: str
@@ -42,9 +42,9 @@ class Rivals:
     alike: tuple[Selected, ...]
 
     def probabilities(self, unnamed: float | None) -> dict[str, float]:
-        """Posterior probabilities, the largest first. `unnamed`: score of a curve, less what is asked of it.
+        """Posterior probabilities, the largest first. `unnamed`: score of a curve, less its required margin.
 
-        The scores are log marginal likelihoods with the prior of each name in them. (80)
+        The scores are log marginal likelihoods including the prior of each name. (80)
         """
         nats = {**self.nats, NOTHING: 0.0}
         if unnamed is not None:
@@ -62,7 +62,7 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
 
 
 def at_odds(probabilities: Mapping[str, float], odds: float) -> dict[str, float]:
-    """Probabilities of names, at these odds that the robot has anything at all; else it is nothing of its own."""
+    """Scale the probabilities of names to these odds that the robot has any effect at all, against "nothing"."""
     something = 1.0 if math.isinf(odds) else odds / (1.0 + odds)
     scaled = {name: something * p for name, p in probabilities.items()}
     scaled[NOTHING] = scaled.get(NOTHING, 0.0) + 1.0 - something
@@ -70,7 +70,7 @@ def at_odds(probabilities: Mapping[str, float], odds: float) -> dict[str, float]
 
 
 def near_sets(found: Found, search: Search) -> list[Near]:
-    """The sets of names that may be true, each with its best fit, what was found first."""
+    """The sets of names that may be true, each with its best fit; the one found comes first."""
     fits: dict[frozenset[str], Fit] = {}
     for fit in (found.fit, *search.near(found.fit, found.score - FAR_NATS)):  # best first
         fits.setdefault(_names(fit), fit)
@@ -96,7 +96,7 @@ def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit, near:
         scores[_names(fit)] = max(search.averaged_score(fit) + relinearised, scores.get(_names(fit), -math.inf))
         if score + _forgiven_nats(problem, selected, rival) > found.score - CLASS_NATS:
             alike.append(fit.selection[-1])
-    # One name may do what two of those found do together.
+    # One name may imitate two of those found.
     for one in near:
         if selected.id not in one.names and search.score(one.fit) > found.score - CLASS_NATS:
             alike += [c for c in one.fit.selection if c.id not in others]
@@ -110,7 +110,7 @@ def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit, near:
 
 
 def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
-    """Score of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
+    """Score of a fit with a rival in a selected effect's place; if both shift the time, in its own linearisation."""
     score = search.score(fit)
     if selected.is_timing and rival.is_timing and score <= found.score - CLASS_NATS:
         score = max(score, linearised(found.problem, fit, found.null).score)
@@ -118,12 +118,12 @@ def _best_score(found: Found, search: Search, selected: Selected, rival: Selecte
 
 
 def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> float:
-    """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
+    """Cost not held against a rival: a second size, where one is enough, costs it no likelihood."""
     return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
 
 
 def unique(rivals: Iterable[Selected]) -> tuple[Selected, ...]:
-    """The first of each name, in order."""
+    """Keep the first effect of each name, in order."""
     found: dict[str, Selected] = {}
     for rival in rivals:
         found.setdefault(rival.id, rival)

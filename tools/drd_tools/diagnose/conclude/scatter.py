@@ -1,7 +1,7 @@
-"""Noise that is much larger than stated: with which covariate it goes, and when it is largest.
+"""Variance law of noise much larger than stated: the covariate that it depends on, and when it is largest.
 
-The logarithm of the mean square of what is left, block by block, is regressed on bins of each covariate (Harvey 1976);
-one is chosen by its Schwarz criterion, and an interval of time by its likelihood ratio. (78)
+The logarithm of the mean square residual of each block is regressed on bins of each covariate (Harvey 1976); the
+covariate is chosen by the Schwarz criterion, and an interval of time by its likelihood ratio. (78)
 """
 
 import math
@@ -21,21 +21,21 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array, Level, Scatter, Window
 from drd_tools.diagnose.series import Spread
 
-MOST_NOISE: Final = 2.0  # times what is stated: data sheets are right within a factor of 1.5
-BLOCK_S: Final = 2.0  # real slip hangs together for about so long
-BLOCK_ROWS: Final = 4  # fewer have no size
-MOST_BLOCKS: Final = 600  # all intervals of them are tried: limits time and memory
+MOST_NOISE: Final = 2.0  # times the stated noise: data sheets are right within a factor of 1.5
+BLOCK_S: Final = 2.0  # real slip is correlated for about so long
+BLOCK_ROWS: Final = 4  # fewer do not determine a size
+MOST_BLOCKS: Final = 600  # all intervals are tried: limits time and memory
 FEWEST_BLOCKS: Final = 24  # six for each bin
 BINS: Final = 4
 CELLS: Final = 3  # of places, along and across
 FEWEST_IN_CELL: Final = 5
 LEAST_NATS: Final = 3.0  # odds of 20 to 1
-LONGEST_SHARE: Final = 0.6  # of a drive: longer is no interval, but the rule
-MOST_COLOUR: Final = 0.95  # correlation of one block with the next: more cannot be told from a trend
+LONGEST_SHARE: Final = 0.6  # of a drive: longer is not an interval but the rule
+MOST_COLOUR: Final = 0.95  # correlation of neighbouring blocks: more is indistinguishable from a trend
 LEAST_SQUARE: Final = 1e-9  # of blocks without noise
 SLOWEST_M_S: Final = 0.05  # slower has no curvature
-SHOWN_SHARE: Final = 1e-3  # of the largest edge of a bin: what is less is 0
-ROBOT: Final = ("slip", "gyro")  # whose noise may be physics; the reference's is its own fault
+SHOWN_SHARE: Final = 1e-3  # of the largest edge of a bin: smaller edges are shown as 0
+ROBOT: Final = ("slip", "gyro")  # whose noise may be physics, unlike the reference's
 WHO: Final = {
     "slip": "the wheel noise",
     "gyro": "the gyro noise",
@@ -60,7 +60,7 @@ WHERE: Final = {
 
 
 class _Rows(NamedTuple):
-    """Residuals of a channel, in sigmas as fitted, of each row (k,)."""
+    """Residuals of a channel in fitted sigmas, one per row (k,)."""
 
     channel: str
     time_s: Array
@@ -69,7 +69,7 @@ class _Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Blocks of a channel: edges of each, (n,), and the logarithm of their mean square, (n,)."""
+    """Blocks of a channel: numbers, edges, and logarithms of the mean square, (n,) each."""
 
     number: npt.NDArray[np.intp]
     begin_s: Array
@@ -79,7 +79,7 @@ class _Blocks:
 
 @dataclass(frozen=True)
 class _Law:
-    """Levels by bins of a covariate: the bin of each block (n,), names of the bins, middles, and the gain, nats."""
+    """Levels by bins of a covariate: the bin of each block (n,), the bins' names and middles, and the gain, nats."""
 
     covariate: str
     bins: npt.NDArray[np.intp]
@@ -89,7 +89,7 @@ class _Law:
 
 
 def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scatter], list[Spread]]:
-    """Each noise of more than MOST_NOISE times its data sheet, located; and its course. `left` (r,): of the fit."""
+    """Locate each noise above MOST_NOISE times its data sheet, and give its course. `left` (r,): the fit's residual."""
     sheet = data_sheet(nominal)
     told, courses = [], []
     sizes = ratios(problem)
@@ -116,7 +116,7 @@ def is_loud(problem: Problem) -> bool:
 
 
 def _channels(problem: Problem, left: Array) -> Iterator[_Rows]:
-    """Rows by channel. Without a gyro those of the fixes tell of the wheels, and without wheels of the gyro."""
+    """Rows by channel. Without a gyro the fixes stand for the wheels, and without wheels for the gyro."""
     e = problem.evidence
     wheels, fixes = not_inflated(problem, left)
     if e.has_wheels and len(wheels):
@@ -135,7 +135,7 @@ def _channels(problem: Problem, left: Array) -> Iterator[_Rows]:
 
 
 def _blocks(rows: _Rows) -> _Blocks:
-    """Blocks of equal length with rows enough."""
+    """Blocks of equal length with enough rows."""
     t = rows.time_s
     if len(t) < BLOCK_ROWS:
         return _Blocks(np.zeros(0, np.intp), *(np.zeros(0) for _ in range(3)))
@@ -150,8 +150,8 @@ def _blocks(rows: _Rows) -> _Blocks:
 
 
 def _best_law(problem: Problem, channel: str, blocks: _Blocks) -> _Law | None:
-    """The covariate whose bins make the levels likeliest; None where none is worth its bins."""
-    if channel == "gyro" or len(blocks.level) < FEWEST_BLOCKS:  # at rest nothing moves
+    """The covariate whose bins make the levels most likely; None if none is worth its bins."""
+    if channel == "gyro" or len(blocks.level) < FEWEST_BLOCKS:  # at rest no covariate varies
         return None
     laws = list(_laws(problem, blocks))
     best = max(laws, key=lambda law: law.gain, default=None)
@@ -190,7 +190,7 @@ def _laws(problem: Problem, blocks: _Blocks) -> Iterator[_Law]:
 
 
 def _cells(x: Array, y: Array) -> tuple[npt.NDArray[np.intp], list[str]]:
-    """The cell of each place, and the cells' middles in words; those with few blocks are one."""
+    """The cell of each place, and the cells' middles in words; cells with few blocks are merged."""
     ends = [np.linspace(v.min(), v.max() + 1e-9, CELLS + 1) for v in (x, y)]
     along, across = (np.searchsorted(e, v, side="right") - 1 for e, v in zip(ends, (x, y), strict=True))
     cell = np.clip(along, 0, CELLS - 1) * CELLS + np.clip(across, 0, CELLS - 1)
@@ -216,7 +216,7 @@ def _means(level: Array, bins: npt.NDArray[np.intp]) -> Array:
 
 
 def _worth(rest: Array) -> float:
-    """Number of independent blocks that tell as much as these (n,), each of which goes with the one before."""
+    """Effective number of independent blocks among these autocorrelated ones (n,)."""
     square = float(rest @ rest)
     colour = float(rest[1:] @ rest[:-1]) / square if square > 0.0 else 0.0
     colour = min(max(colour, 0.0), MOST_COLOUR)
@@ -224,7 +224,7 @@ def _worth(rest: Array) -> float:
 
 
 def _interval(rest: Array) -> tuple[int, int, float] | None:
-    """The interval [i, j) of blocks (n,) that is loudest, by likelihood ratio, and its nats; None where none is."""
+    """The noisiest interval [i, j) of blocks (n,), by likelihood ratio, and its nats; None if none is significant."""
     n = len(rest)
     if n < FEWEST_BLOCKS:
         return None
@@ -281,7 +281,7 @@ def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, who:
 
 
 def _with_jitter(scatter: Scatter, jitter_s: float) -> Scatter:
-    """The wheels' scatter, and how much of it their time makes."""
+    """Add the timing jitter to the wheels' scatter."""
     if not jitter_s:
         return scatter
     text = (

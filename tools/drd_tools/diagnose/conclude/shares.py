@@ -1,4 +1,4 @@
-"""How much of the mismatch each effect explains."""
+"""Share of the mismatch that each effect explains."""
 
 from collections.abc import Collection
 
@@ -10,10 +10,10 @@ from drd_tools.diagnose.regression.refine import Fit, refine
 
 
 def shared_nats(problem: Problem, fit: Fit, known: Collection[str]) -> dict[str, float]:
-    """Nats that the effects of a fit gain together, divided by their squared detectabilities (81).
+    """Divide the nats that the effects of a fit gain together in proportion to their squared detectabilities (81).
 
-    Effects that are `known` are taken for granted. What the data lose without an effect tells less of it: others,
-    fitted anew, take its place, as wheels 30 % smaller that of a tread 60 % larger.
+    Effects that are `known` are taken for granted. The loss without an effect would be too small a measure: others,
+    refitted, take its place, as wheels 30 % smaller that of a tread 60 % larger.
     """
     effects = [one for one in fit.selection if one.id not in known]
     if not effects:

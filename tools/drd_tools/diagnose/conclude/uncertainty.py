@@ -1,7 +1,7 @@
-"""Reported estimates of the selected effects' parameters: all of them, with deviations that cover.
+"""Reported estimates of all parameters of the selected effects, with deviations that cover the truth.
 
-A curvature at the best fit is too sure of four things: a parameter that was left out, since it was worth less than
-its cost, is not zero; an edge of a window may lie anywhere in a time that tells nothing of it; no form is exact; and
+The curvature at the best fit is overconfident in four ways: a parameter that was left out because it gained less than
+its cost is not zero; an edge of a window may lie anywhere in a time without information on it; no form is exact; and
 the ground of an interval differs from that of others by more than white noise.
 """
 
@@ -22,19 +22,19 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 
-PASSING_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
+PASSING_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that alter its parameters
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
 FINE: Final = 2000  # points of a profile's integral: far finer than REACHES
-USUAL: Final = 3.0  # times the middle of a parameter's range, on a scale of ratios
+USUAL: Final = 3.0  # times the geometric mean of a parameter's range
 FEWEST_PLACES: Final = 3  # a profile of fewer points has no width
 
 
 def reported_estimates(
     problem: Problem, fit: Fit, known: Collection[str] = (), scatter: Callable[[Selected], float] = lambda _: 1.0
 ) -> tuple[Selected, ...]:
-    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay. (87)
+    """Reported estimates of a fit's effects, in its order; effects `known` by logic stay unchanged. (87)
 
-    `scatter`: how much more the sizes of an effect vary from interval to interval than their deviations say.
+    `scatter`: variation of an effect's sizes from interval to interval, relative to their deviations.
     """
     scatters = [scatter(selected) for selected in fit.selection]
     fit = _widened(problem, fit, known)
@@ -62,15 +62,15 @@ def reported_estimates(
 
 
 def _by_themselves(problem: Problem, selected: Selected) -> float:
-    """Deviation of a clock's rate by how the lags of wheels and reference change by themselves; 0 of all else. (87)
+    """Deviation of a clock rate due to natural changes of the lags of wheels and reference; 0 for other effects. (87)
 
-    It has at least the calibration's, of which few turns may tell.
+    It is at least the calibration's, which may rest on few turns.
     """
     effect, e = selected.effect, problem.evidence
     if not selected.is_timing or effect.begins is not Begins.GROWING or not e.has_three_clocks:
         return 0.0
     wander_s = WHEELS_WANDER_S
-    if effect.channel == "gyro":  # which both of them tell
+    if effect.channel == "gyro":  # measured against both
         wander_s = (WHEELS_WANDER_S**-2 + REFERENCE_WANDER_S**-2) ** -0.5
     calibrated = max((sigma for _, sigma in selected.prior.values()), default=0.0) / WIDER
     return max(wander_s / float(np.ptp(e.edges_s)), calibrated)
@@ -79,12 +79,12 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
 def shrunk(
     selection: Sequence[Selected], covariance: Array, cost_nats: float, known: Collection[str] = ()
 ) -> tuple[Selected, ...]:
-    """Shrink linear parameters towards 0 where the data do not object (empirical Bayes).
+    """Shrink linear parameters towards 0 if the data permit it (empirical Bayes).
 
-    Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
-    would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
-    sizes: one that is worth less than a parameter costs is taken to be of usual size. (88)
-    `covariance` (k, k): of all free parameters. `known` from logic, and what a calibration has measured: these stay.
+    If a drive determines a sum but not its parts, the best-fitting parts are arbitrary, and would show on another
+    drive. Shrinkage is therefore decided for each eigenvector of the covariance, in units of the parameters' usual
+    sizes: one that gains less than the cost of a parameter has a prior of usual size. (88)
+    `covariance` (k, k): of all free parameters. Effects `known` by logic and calibrated parameters stay unchanged.
     """
     named = [(i, name) for i, selected in enumerate(selection) for name in selected.free]
     index = [
@@ -108,19 +108,19 @@ def shrunk(
 
 
 def _usual(q: Parameter) -> float:
-    """A size, SI, that would be no surprise, of those from a parameter's lowest to its highest."""
+    """Usual size, SI, of a parameter, from its lowest and highest."""
     return USUAL * math.sqrt(q.low * q.high) * q.si
 
 
 def _most(problem: Problem, selected: Selected) -> Array:
-    """Deviations beyond which a parameter is as good as unknown: for a time, anywhere in the recording."""
+    """Upper limits of the deviations: for a time, that of a uniform distribution over the recording."""
     edges = problem.evidence.edges_s
     anywhere_s = float(edges[-1] - edges[0]) / 12.0**0.5
     return np.array([anywhere_s if selected.parameter(name).moment else np.inf for name in selected.free])
 
 
 def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
-    """Free every linear parameter of the selected effects, where that is plausible."""
+    """Free every linear parameter of the selected effects, if the result is plausible."""
     wider = tuple(
         c if c.id in known else replace(c, free=(*c.free, *(n for n in c.effect.linear() if n not in c.free)))
         for c in fit.selection
@@ -137,7 +137,7 @@ def _is_curved(selected: Selected, name: str) -> bool:
 
 
 def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
-    """Root mean square distances of an effect's free parameters from their estimates, over one's profile likelihood."""
+    """Rms distances of an effect's free parameters from their estimates, over the profile likelihood of one."""
     selected = fit.selection[which]
     at, sigma = selected.number(name), selected.sigma(name)
     free = tuple(n for n in selected.free if n != name)
@@ -158,13 +158,13 @@ def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
     weight = np.exp(-np.minimum(np.interp(fine, place, nats - nats.min()), 700.0))
     weight /= weight.sum()
     mean = np.array([float(weight @ np.interp(fine, place, column)) for column in square.T])
-    # Between two places a parabola runs below its chord; for the profiled parameter itself it is known.
+    # Linear interpolation overestimates a parabola; the profiled parameter's own square is known exactly.
     mean[selected.free.index(name)] = float(weight @ (fine - at) ** 2)
     return np.asarray(np.sqrt(mean), float)
 
 
 def _squares(fitted: Selected, selected: Selected) -> list[float]:
-    """Mean square distance of each parameter from the selected effect's, its own deviation in it."""
+    """Mean square distance of each parameter from the selected effect's, including its own variance."""
     return [(fitted.number(n) - selected.number(n)) ** 2 + fitted.sigma(n) ** 2 for n in selected.free]
 
 
