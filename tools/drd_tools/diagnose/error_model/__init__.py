@@ -1,1 +1,1 @@
-"""The linear model of errors around the path, and the Kalman filter that whitens data and sensitivities."""
+"""Linear error model around the path, and the Kalman filter that whitens data and sensitivities."""

@@ -1,7 +1,7 @@
-"""Covariance and gains of the Kalman filter of x, y, heading (t) and bias (b), in plain numbers.
+"""Covariance and gains of the Kalman filter of x, y, heading (t) and bias (b), in scalar arithmetic.
 
-Products of so small matrices take several times as long, in calls alone. A covariance is its upper triangle, ten
-numbers: xx, xy, xt, xb, yy, yt, yb, tt, tb, bb.
+For matrices this small, the calls of array products alone take several times as long. A covariance is stored as its
+upper triangle, ten numbers: xx, xy, xt, xb, yy, yt, yb, tt, tb, bb.
 """
 
 import math
@@ -16,16 +16,15 @@ from drd_tools.diagnose.results import Array
 
 _Numbers = tuple[float, ...]
 
-FULL: Final = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])  # places in the ten numbers
+FULL: Final = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])  # indices into the ten numbers
 UPPER: Final = np.triu_indices(4)
-MOST_RATIO: Final = 1e6  # of P to a fix's own variance, at which a difference still has ten digits
+MOST_RATIO: Final = 1e6  # of P to a fix's variance: a difference still has ten correct digits
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of the filter. Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro is not compared. Of
-    the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P after the wheels and after the step, each by its ten numbers,
-    (n, 10).
+    """Gains of the filter. Wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro is not compared. Fixes: K
+    (m, 4, 3), whitener L (m, 3, 3). P after the wheels' update and after the step, each as ten numbers, (n, 10).
     """
 
     K_wheels: Array
@@ -37,15 +36,15 @@ class Gains:
 
 
 def run(P: Array, steps: Array, fix_step: npt.NDArray[np.intp], H: Array, R: Array) -> Gains:
-    """Run the covariance from P (4, 4).
+    """Propagate the covariance from P (4, 4).
 
-    `steps` (n, 14): time by the gyro, variance of the wheels' turn, what a heading error does to x and y, and Q's ten
-    numbers. Of the fixes, each after the step `fix_step` (m,): H (m, 3, 4), whose entries besides 1 are those that
-    `_fixed` names, and variances R (m, 3).
+    `steps` (n, 14): time by the gyro, variance of the wheels' turn, effect of a heading error on x and y, and Q's ten
+    numbers. Fixes, each after the step `fix_step` (m,), have H (m, 3, 4), whose entries other than 1 are listed in
+    `_fixed`, and variances R (m, 3).
     """
     n, m = len(steps), len(H)
     p: _Numbers = tuple(P[UPPER].tolist())
-    # Written row by row: lists that keep all numbers take as long to grow as the numbers to compute.
+    # Written row by row: appending all numbers to lists would take as long as computing them.
     made, K, L = np.empty((n, 25)), np.empty((m, 12)), np.empty((m, 9))
     bounds = np.searchsorted(fix_step, np.arange(n + 1)).tolist()
     fixes = np.column_stack([H[:, 0, 2], H[:, 1, 2], H[:, 2, 3], R]).tolist()
@@ -60,7 +59,7 @@ def run(P: Array, steps: Array, fix_step: npt.NDArray[np.intp], H: Array, R: Arr
 
 
 def _step(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers]:
-    """Gain K of the wheels over sigma, sigma, and P after the wheels; and P after the step, of P before it."""
+    """From P before a step: gain K of the wheels over sigma, sigma, and P after their update; and P after the step."""
     xx, xy, xt, xb, yy, yt, yb, tt, tb, bb = p
     h, R_wheels, hx, hy, qxx, qxy, qxt, _, qyy, qyt, _, qtt, _, qbb = row
     sigma = math.sqrt(h * h * bb + R_wheels)
@@ -69,7 +68,7 @@ def _step(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers]:
     xx, xy, xt, xb = xx - kx * kx, xy - kx * ky, xt - kx * kt, xb - kx * kb
     yy, yt, yb = yy - ky * ky, yt - ky * kt, yb - ky * kb
     tt, tb, bb = tt - kt * kt, tb - kt * kb, bb - kb * kb
-    # With the heading in the step's middle, m: x' = x + hx m, y' = y + hy m, t' = t - h b.
+    # With m, the heading in the middle of the step: x' = x + hx m, y' = y + hy m, t' = t - h b.
     half = 0.5 * h
     xm, ym, tm, bm = xt - half * xb, yt - half * yb, tt - half * tb, tb - half * bb
     mm = tm - half * bm
@@ -82,9 +81,9 @@ def _step(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers]:
 
 
 def _fixed(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers, _Numbers]:
-    """Gain (4, 3) of a fix times its whitener's transposed, the whitener (3, 3), and P after it, of P before it.
+    """From P before a fix: gain on the whitened innovation (4, 3), whitener of the fix (3, 3), and P after it.
 
-    The fix sees x + u t, y + v t and t + w b.
+    The fix observes x + u t, y + v t and t + w b.
     """
     xx, xy, xt, xb, yy, yt, yb, tt, tb, bb = p
     u, v, w, Rx, Ry, Rt = row
@@ -113,8 +112,8 @@ def _fixed(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers, _Numb
 
 
 def _joseph(p: _Numbers, K: Array, H: Array, R: Array) -> _Numbers:
-    """P after a fix of gain K in Joseph's form: of a P that was huge before the first fix, a difference would be
-    chance.
+    """P after a fix of gain K in Joseph's form: before the first fix P is huge, and a difference would be rounding
+    error.
     """
     kept = np.eye(4) - K @ H
     P = kept @ np.array(p)[FULL] @ kept.T + K * R @ K.T

@@ -1,4 +1,4 @@
-"""Smoothing as wide as the noise asks for and the signal allows."""
+"""Adaptive smoothing: as wide as the noise requires and the signal allows."""
 
 from functools import lru_cache
 from typing import Final
@@ -8,9 +8,9 @@ from scipy.fft import dct, idct, rfft
 
 from drd_tools.diagnose.results import Array
 
-# Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
+# Noise on a nearly constant signal must not be mistaken for a change: each width doubles the last.
 WIDTHS: Final = 5
-AGREE_SIGMAS: Final = 2.5  # of the mean: 1 % of what is constant keeps a narrower window
+AGREE_SIGMAS: Final = 2.5  # of the mean: 1 % of a constant signal keeps a narrower window
 REACH: Final = 4.0  # sigmas
 MOST_KEPT: Final = 32  # Gaussians: those of a recording's speeds and turns
 
@@ -23,7 +23,7 @@ def denoised(values: Array, sigma: Array | float, width: float, widths: int = WI
     """
     n = len(values)
     variance = np.broadcast_to(np.asarray(sigma, float) ** 2, values.shape)
-    # Mirrored at the ends, a series is a sum of cosines, and smoothing is a factor of each.
+    # A series mirrored at its ends is a sum of cosines; smoothing multiplies each by a factor.
     cosines = dct(np.stack([values, variance]))
     result = values
     low, high = np.full(n, -np.inf), np.full(n, np.inf)
@@ -33,18 +33,18 @@ def denoised(values: Array, sigma: Array | float, width: float, widths: int = WI
         if doubling and 4.0 * s > n:
             break
         mean, spread = idct(cosines * _gaussian(n, s))
-        # Of a mean with Gaussian weights of deviation s samples.
+        # Standard error of a mean with Gaussian weights of deviation s samples.
         error = AGREE_SIGMAS * np.sqrt(np.maximum(spread, 0.0) / (2.0 * np.sqrt(np.pi) * s))
         low, high = np.maximum(low, mean - error), np.minimum(high, mean + error)
         agrees &= low <= high
         result = np.where(agrees, mean, result)
-    # Where windows change, the means do not meet.
+    # The result jumps where the window changes: smooth once more.
     return np.asarray(idct(dct(result) * _gaussian(n, 0.5 * width)), float)
 
 
 @lru_cache(maxsize=MOST_KEPT)
 def _gaussian(n: int, sigma: float) -> Array:
-    """What a Gaussian of `sigma` samples, over REACH of them, leaves of each of n cosines."""
+    """Frequency response, for each of n cosines, of a Gaussian of `sigma` samples cut off at REACH sigmas."""
     reach = int(REACH * sigma + 0.5)
     k = np.arange(-reach, reach + 1)
     weight = np.exp(-0.5 * (k / sigma) ** 2)

@@ -1,8 +1,8 @@
-"""Errors of a recording around a path: a linear model, and the Kalman filter that whitens data and sensitivities alike.
+"""Linear error model of a recording around a path, and the Kalman filter that whitens data and sensitivities alike.
 
-What is true differs from what sensors, added up, say by a state of four: x, y, heading and the gyro's bias. It grows by
-noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's sensitivity are
-sequences in white noise, and what is left is linear regression. (67) to (69)
+The truth differs from the integrated sensor readings by a state of four: x, y, heading and the gyro's bias, driven by
+noise and by causes. Passed through the same filter, the data's innovations are those of each cause's sensitivity in
+white noise: the problem becomes linear regression. (67) to (69)
 """
 
 from collections.abc import Sequence
@@ -22,17 +22,17 @@ from drd_tools.diagnose.results import Array
 STATES: Final = 4  # x, y, heading, the gyro's bias
 INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
 OUTPUTS: Final = 4  # the wheels', and a fix's three
-COLUMNS: Final = 8  # passed at once: so many stay near the processor
+COLUMNS: Final = 8  # filtered at once: as many as fit the cache
 NOWHERE_M2: Final = 1e4  # before the first fix
 NO_HEADING_RAD2: Final = 10.0  # before the first fix: sigma of half a turn
-NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading error does leaves gains as they are
+NEAR_SHARE: Final = 0.005  # of the largest: gains are kept if the effect of a heading error changes by less
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Changes by a cause: increments of the sensors' sums, and of the body's own travel to the left, (n,) each or 0.
+    """Changes by a cause in the sensors' increments, and in the body's own travel to the left, (n,) each or 0.
 
-    `fix`: of the reference's poses, (m, 3) or 0.
+    `fix`: changes in the reference's poses, (m, 3) or 0.
     """
 
     gyro_rad: Array | float = 0.0
@@ -54,7 +54,7 @@ class Sensitivity:
 
 
 class Linear:
-    """The model around `path`, with noise of given sizes. `fix_inflation` (m,) multiplies the variance of each fix."""
+    """Linear model around `path`, with noise of given sizes. `fix_inflation` (m,) multiplies the variances of fixes."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Linear:
         self.fix_inflation = np.ones(len(evidence.fix)) if fix_inflation is None else fix_inflation
         self._forward, self._left, self._turn = path.steps()
         self._c, self._s = np.cos(path.middle_rad), np.sin(path.middle_rad)
-        # What a heading error does to x and y in a step.
+        # Effect of a heading error on x and y in a step.
         self._hx = -self._forward * self._s - self._left * self._c
         self._hy = self._forward * self._c - self._left * self._s
         self._gain(like)
@@ -76,9 +76,9 @@ class Linear:
     # ---- the data -----------------------------------------------------------------------------------------------
 
     def data(self) -> Sensitivity:
-        """The recording, less what the path would have given."""
+        """The recorded increments and fixes less those of the path."""
         e, half = self.evidence, 0.5 * self.evidence.tread_m
-        # The path's jumps are in the data: the mean of a jump is 0.
+        # The path includes its jumps here: a jump has mean 0 in the model.
         forward, sideways, turn = self.path.steps(with_jumps=True)
         gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - turn
         fix = e.fix - self.at_fixes()
@@ -96,7 +96,7 @@ class Linear:
     # ---- the filter ---------------------------------------------------------------------------------------------
 
     def _gain(self, like: "Linear | None") -> None:
-        """Run the covariance, which does not depend on the data, and keep the gains; or take those of `like`."""
+        """Propagate the covariance, which does not depend on the data, and keep the gains; or reuse `like`'s."""
         e = self.evidence
         n, m = len(e.step_s), len(e.fix)
         self._F = np.tile(np.eye(STATES), (n, 1, 1))
@@ -114,7 +114,7 @@ class Linear:
             self._gains = self._run_covariance()
 
     def _is_near(self, like: "Linear") -> bool:
-        """Whether gains of the same noise on a path that is nearly the same whiten as well."""
+        """Whether the gains of `like` can be reused: same noise, nearly the same path."""
         if like.noise != self.noise or not np.array_equal(like.fix_inflation, self.fix_inflation):
             return False
         largest = max(float(np.abs(h).max()) for h in (self._hx, self._hy))
@@ -125,7 +125,7 @@ class Linear:
 
     def _run_covariance(self) -> Gains:
         e, noise = self.evidence, self.noise
-        # Where the gyro is not compared, the wheels tell nothing of it.
+        # If the gyro is not compared, the wheels carry no information on it.
         R_wheels = np.where(e.gyroless, np.inf, noise.wheels(e))
         Q = noise.steps(e, self._c, self._s, self._hx, self._hy)[:, *UPPER]
         steps = np.column_stack([-self._F[:, 2, 3], R_wheels, self._hx, self._hy, Q])
@@ -135,7 +135,7 @@ class Linear:
 
     @cached_property
     def _events(self) -> "_Events":
-        """The filter as one recursion. A step's second fix is an event of its own, in which no time passes."""
+        """The filter as one recursion. A second fix in a step is a separate event of zero duration."""
         e = self.evidence
         n, m = len(e.step_s), len(e.fix)
         first = np.concatenate([[True], np.diff(e.fix_step) > 0])[:m]
@@ -167,7 +167,7 @@ class Linear:
         return StateSpace(v.A, v.B, v.C, v.D)
 
     def _inputs(self) -> Array:
-        """Input matrix: what a step adds to the state per increment of gyro, left, right and lateral, (n, 4, 4)."""
+        """Input matrix: change of the state per increment of gyro, left, right and lateral, (n, 4, 4)."""
         e, c, s = self.evidence, self._c, self._s
         turn = np.where(e.gyroless[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
         forward, lateral = np.array([0.0, 0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
@@ -178,7 +178,7 @@ class Linear:
         return u
 
     def _channels(self, sensitivities: Sequence[Sensitivity]) -> Array:
-        """Inputs of each event, (q, p, events): of the channels, the last three the fixes', up to the last in use."""
+        """Inputs of each event, (q, p, events): channels up to the last in use; the last three possible are a fix's."""
         v = self._events
         inputs = np.zeros((max(map(_used, sensitivities)), len(sensitivities), len(v.A)))
         for j, sensitivity in enumerate(sensitivities):
@@ -199,14 +199,14 @@ class Linear:
         for i in range(0, len(sensitivities), COLUMNS):
             some = order[i : i + COLUMNS]
             y = self._filter.outputs(self._channels([sensitivities[j] for j in some]))
-            for j, own in zip(some, y, strict=True):  # one by one: numpy takes from all at once three times as slowly
+            for j, own in zip(some, y, strict=True):  # one by one: a take from all at once is three times as slow
                 rows[j, :n] = own[:, 0].take(v.of_step)
                 rows[j, n:] = own[:, 1:].take(v.of_fix, axis=0).ravel()
         return rows.T
 
     def adjoint(self, rows: Array) -> Array:
-        """Transposed `rows`: of whitened rows (n + 3 m,), what a unit of each step's gyro, left, right and lateral
-        increment projects onto them, (n, 4).
+        """Transpose of `rows`: projection of whitened rows (n + 3 m,) on the response to a unit of each step's gyro,
+        left, right and lateral increment, (n, 4).
         """
         v, n = self._events, len(self.evidence.step_s)
         y = np.zeros((len(v.A), OUTPUTS))
@@ -220,11 +220,11 @@ class Linear:
 
     @property
     def log_likelihood(self) -> float:
-        """Log determinant of the fixes' whitener, nats: their innovations' log likelihood but for the whitened rows."""
+        """Log determinant of the fixes' whitener, nats: their log likelihood without the term of the whitened rows."""
         return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
 
     def smoothed(self) -> Path:
-        """The path, corrected by what the data say of it (Rauch, Tung and Striebel)."""
+        """The path corrected by the smoothed error state (Rauch, Tung and Striebel)."""
         v, s = self._events, self._channels([self.data()])[:, 0]
         X, last = Recursion(v.A).states(np.einsum("nij,jn->ni", v.B[:, :, : len(s)], s)[:, :, None])
         x, s = X[v.of_step, :, 0], s[:4, v.of_step]
@@ -239,7 +239,7 @@ class Linear:
 
 
 def _used(sensitivity: Sensitivity) -> int:
-    """Inputs up to the last that is in use."""
+    """Number of inputs up to the last in use."""
     if isinstance(sensitivity.fix, np.ndarray):
         return INPUTS
     return max((i for i, channel in enumerate(sensitivity.channels, 1) if isinstance(channel, np.ndarray)), default=1)
@@ -247,8 +247,8 @@ def _used(sensitivity: Sensitivity) -> int:
 
 @dataclass(frozen=True)
 class _Events:
-    """The recursion of events: x' = A x + B s, and what is seen, C x + D s: the wheels', and a fix's three. And which
-    of them are steps (n,) and fixes (m,).
+    """The recursion of events: x' = A x + B s, with outputs C x + D s: the wheels', and a fix's three. Indices of the
+    events that are steps (n,) and fixes (m,).
     """
 
     A: Array

@@ -1,4 +1,4 @@
-"""The path around which errors are linear: as near to the truth as fixes and sensors know it."""
+"""The path around which errors are linearised: the best estimate from fixes and sensors."""
 
 from typing import Final
 
@@ -8,14 +8,14 @@ from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
 
-ROUNDS: Final = 2  # the second is around a path that the fixes have bent already
+ROUNDS: Final = 2  # the second linearises around a path that is already bent to the fixes
 
 
 def follow(e: Evidence) -> Path:
-    """Dead-reckon with the constants that are measured, then bend the path to the fixes, with sensors that are trusted
-    less than their data sheets say.
+    """Dead-reckon with the measured constants, then smooth the path to the fixes, trusting the sensors less than their
+    data sheets do.
     """
-    # A tread 70 % off makes half a turn too much in a few seconds without a gyro; no fix tells it from half too little.
+    # A tread 70 % off makes half a turn too much in a few seconds without gyro: no fix tells it from half too little.
     turn = e.apart_m / (e.tread_m * e.robot.tread)
     if e.gyro_rad is not None:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
@@ -28,8 +28,8 @@ def follow(e: Evidence) -> Path:
 
 
 def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
-    """Linear model of inflated noise, which bends a path to the fixes; `like`: one whose gains serve where it is near.
+    """Linear model with inflated noise, to bend a path to the fixes; `like`: a model whose gains are reused if near.
 
-    With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
+    With gains of another path the smoothed path is close to the best but not exact: compare only those of `follow`.
     """
     return Linear(e, path, e.datasheet.inflated(), like=like)

@@ -1,4 +1,4 @@
-"""Path of a robot: poses, and what the steps between them leave out."""
+"""Path of a robot: poses, the steps between them, and corrections for motion within a step."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,14 +9,14 @@ from scipy.interpolate import CubicSpline
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.results import Array
 
-PARTS: Final = 8  # of a step, in which the heading is followed
+PARTS: Final = 8  # of a step, for the heading within it
 
 
 @dataclass(frozen=True)
 class Path:
     """Poses x_m, y_m, heading_rad at the edges of the steps, shape (n + 1, 3).
 
-    `jump` (n, 3), or 0: of the reference's frame in the middle of each step, which the robot did not drive.
+    `jump` (n, 3), or 0: jump of the reference's frame in the middle of each step, which the robot did not drive.
     """
 
     pose: Array
@@ -42,7 +42,7 @@ class Path:
 
 
 def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
-    """Add up turns and ways, (n,) each, from the pose `start` (3,). (7)"""
+    """Integrate turns and travel, (n,) each, from the pose `start` (3,). (7)"""
     heading = start[2] + np.concatenate([[0.0], np.cumsum(turn_rad)])
     middle = 0.5 * (heading[1:] + heading[:-1])
     x = start[0] + np.concatenate([[0.0], np.cumsum(forward_m * np.cos(middle))])
@@ -51,9 +51,9 @@ def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
 
 
 def with_jumps(e: Evidence, pose: Array) -> Path:
-    """The path of these poses, (n + 1, 3): where the reference jumps, the robot drove as its sensors say.
+    """The path of these poses, (n + 1, 3); where the reference jumps, the driven motion is that of the sensors.
 
-    Not where a gyro's lag is not measured: a sensor that is late makes a jump of each turn.
+    Jumps are ignored if the gyro's lag is not measured: a late sensor makes every turn look like a jump.
     """
     is_sure = e.is_far or e.gyro_rad is None
     at = np.flatnonzero(is_sure & ((e.jump_m2 > 0.0) | (e.jump_rad2 > 0.0)))
@@ -66,9 +66,9 @@ def with_jumps(e: Evidence, pose: Array) -> Path:
 
 
 def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
-    """Correction of a step's travel, bent as the heading is within it: less along, more across the mean heading, m.
+    """Correction of a step's travel for the curvature within it: less along, more across the mean heading, m.
 
-    Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
+    Chords instead of arcs would be mistaken for a wheel's radius when the robot weaves. `turn_rad` (n,) is used without
     a gyro.
     """
     edges = e.edges_s

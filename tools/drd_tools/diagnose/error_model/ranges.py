@@ -1,4 +1,4 @@
-"""Range of its covariate in which an effect was seen; of what lies beyond, a model says no more than at its ends."""
+"""Range of its covariate in which an effect was seen; beyond it, a model keeps the values at the ends."""
 
 from dataclasses import replace
 from typing import Final
@@ -10,12 +10,12 @@ from drd.effects.motion import Motion
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 
-TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
-SLOWEST_M_S: Final = 1e-3  # slower, speed is a divisor of noise
+TURNING_RAD_S: Final = 0.02  # slower, there is no curvature
+SLOWEST_M_S: Final = 1e-3  # slower, dividing by speed amplifies noise
 
 
 def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
-    """The range of its covariate that a lasting effect is held to, in its file's unit; empty where there is none."""
+    """The range of the covariate to which a lasting effect is limited, in its file's unit; empty if there is none."""
     if not selected.effect.lasting or selected.effect.proportional:
         return {}
     turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
@@ -37,7 +37,7 @@ def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
 
 
 def within(m: Motion, ranges: Ranges) -> Motion:
-    """The motion with covariates held to their ranges; the wheels' speeds follow."""
+    """Clip the motion's covariates to their ranges; the wheels' speeds follow."""
     for covariate, ends in ranges.items():
         low, high = (end * COVARIATES[covariate].si for end in ends)
         if covariate in ("time", "acceleration", "temperature"):

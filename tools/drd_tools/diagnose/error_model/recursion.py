@@ -1,4 +1,4 @@
-"""Linear recursions `x' = A x + v` of many columns: in blocks side by side, then from block to block."""
+"""Linear recursions `x' = A x + v` of many columns: within all blocks in parallel, then from block to block."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ BLOCK: Final = 8  # steps: longer ones cost more products, shorter ones more cal
 
 
 class Recursion:
-    """Recursion with matrices A, (n, k, k). About sqrt(n) calls follow each other instead of n."""
+    """Recursion with matrices A, (n, k, k), in about sqrt(n) sequential calls instead of n."""
 
     def __init__(self, A: Array):
         n, k, _ = A.shape
@@ -20,7 +20,7 @@ class Recursion:
         self._A = np.tile(np.eye(k), (count * length, 1, 1))
         self._A[:n] = A
         self._A = self._A.reshape(count, length, k, k)
-        # What the state at a block's begin makes of the state before each of its steps, and at its end.
+        # Transition from the start of a block to each of its steps, and to its end.
         self._within = np.empty_like(self._A)
         self._across = np.tile(np.eye(k), (count, 1, 1))
         for j in range(length):
@@ -52,8 +52,8 @@ class Recursion:
 class StateSpace:
     """Outputs of `x' = A x + B s, y = C x + D s` for many series s at once, x = 0 before the first step.
 
-    A (n, k, k), B (n, k, q), C (n, o, k), D (n, o, q). What a block of BLOCK steps makes of its inputs and of the state
-    at its begin is one matrix; the states at the blocks' begins are a recursion of their own.
+    A (n, k, k), B (n, k, q), C (n, o, k), D (n, o, q). One matrix maps the inputs of a block of BLOCK steps, and the
+    state at its start, to its outputs; the states at the starts of the blocks are a recursion of their own.
     """
 
     def __init__(self, A: Array, B: Array, C: Array, D: Array):
@@ -65,7 +65,7 @@ class StateSpace:
             )
             for m in (A, B, C, D)
         )
-        # Columns: the state at the block's begin, then the inputs, one after the other, each of all steps.
+        # Columns: the state at the start of the block, then input by input, all steps of each.
         state = np.zeros((self._count, k, k + q * BLOCK))
         state[:, :, :k] = np.eye(k)
         outputs = np.empty((self._count, BLOCK, C.shape[2], state.shape[2]))
@@ -75,13 +75,13 @@ class StateSpace:
             outputs[:, j, :, own] += D[:, j]
             state = A[:, j] @ state
             state[:, :, own] += B[:, j]
-        # Transposed: rows of series are next to each other then.
+        # Transposed, so that the rows of a series are contiguous.
         self._outputs = np.ascontiguousarray(outputs.reshape(self._count, -1, state.shape[2]).transpose(0, 2, 1))
         self._end = np.ascontiguousarray(state[:, :, k:].transpose(0, 2, 1))
         self._begin = Recursion(state[:, :, :k])
 
     def outputs(self, s: Array) -> Array:
-        """Outputs (p, n, o) of inputs (q, p, n): of the first so many of all, the others are 0."""
+        """Outputs (p, n, o) of the first q inputs (q, p, n); the other inputs are 0."""
         q, p, _ = s.shape
         inputs = np.zeros((self._count, p, self._k + q * BLOCK))
         for i in range(q):

@@ -19,26 +19,26 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.lags import REFERENCE_LAG_S
 from drd_tools.diagnose.results import Array
 
-SUB = 4  # of a step: a step's mean of what is curved within it
-SPEED_SMOOTHING_S = 0.3  # the narrowest: limits how sharp a change of speed is followed
-TEMPERATURE_SMOOTHING_S = 5.0  # less would make rates of the thermometer's steps
-MOST_SHARE = 3.0  # of the smooth speed, at a stop
-REACH = 4.0  # sigmas that a Gaussian filter looks
-SLOW_S = 3.0  # of the path's own turn beside the gyro's: shorter would let the fixes' noise in
-TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
-# Widths narrower than these, each half of the last, for what times are told by: real robots begin to turn within 0.1 s.
+SUB = 4  # parts of a step, so that its mean follows the curvature within it
+SPEED_SMOOTHING_S = 0.3  # narrowest: limits the sharpness of changes of speed
+TEMPERATURE_SMOOTHING_S = 5.0  # less would turn the thermometer's quantisation into rates
+MOST_SHARE = 3.0  # times the smooth speed, near a stop
+REACH = 4.0  # sigmas at which a Gaussian filter is cut off
+SLOW_S = 3.0  # of the path's turn less the gyro's: shorter would admit the fixes' noise
+TURN_SMOOTHING_S = 0.2  # narrowest, for turns from fixes and wheels
+# Additional narrower widths, each half of the last, where times are estimated: real robots start to turn within 0.1 s.
 SHARPER = 2
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
-CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
-UNKNOWN_LAG_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
-# Nuisances: faults of the reference.
+CALM_SIGMAS = 3.0  # beyond, it is a turn, not noise
+UNKNOWN_LAG_S = 0.4  # of a real one of undetermined lag: lidar odometry's is 0.26 to 0.46 s
+# Nuisances: errors of the reference.
 LATENCY, DRIFT, YAW = "reference_latency", "reference_drift", "reference_yaw"
 AHEAD, SIDEWAYS, SMOOTHING = "reference_ahead", "reference_sideways", "reference_smoothing"
-LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
+LAG_SHARE = 0.1  # of a measured lag: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
 
-Change = Callable[[Motion], Motion]  # of a motion, where more is known of it than the sensors tell
+Change = Callable[[Motion], Motion]  # of a motion, if more is known of it than the sensors show
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -70,18 +70,18 @@ def motion_along(e: Evidence, path: Path) -> Motion:
 
 
 def _moving(motion: Motion, e: Evidence, path: Path, sharp: bool = False) -> Motion:
-    """A motion with its speeds. `sharp`: with changes as sharp as they are seen, and some of the noise."""
+    """Add the speeds to a motion. `sharp`: less smoothing, with sharper changes and more noise."""
     edges, fine = e.edges_s, _fine_s(e)
     typical, h = float(np.median(e.step_s)), np.diff(fine)
     forward = 0.5 * (e.left_m + e.right_m)
-    # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
+    # At nearly constant speed, a column that follows the wheels' noise would explain the wheels by themselves.
     speed = _denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical, sharp)
     distance = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
     turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical, sharp))]))
-    # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
+    # Near a stop the wheels' noise is small: a column smeared across the stop would outweigh all others.
     smooth = np.diff(distance(edges))
     share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
-    # On the spot the two are chance, and their ratio anything.
+    # When turning on the spot both are noise, and their ratio is arbitrary.
     share = np.clip(share, 0.0, MOST_SHARE)
     v = np.diff(distance(fine)) / h * np.repeat(share, SUB)
     w = np.diff(turned(fine)) / h
@@ -102,7 +102,7 @@ def _fine_s(e: Evidence) -> Array:
 
 
 def _temperature_c(e: Evidence, at_s: Array, typical_s: float) -> tuple[Array, float]:
-    """Temperature at times (m,), and that of the standstill at the start; NaN where there is no thermometer."""
+    """Temperature at times (m,), and during the standstill at the start; NaN if there is no thermometer."""
     known = np.isfinite(e.temperature_c)
     if not known.any():
         return np.full(len(at_s), np.nan), np.nan
@@ -118,8 +118,8 @@ def _denoised(values: Array, sigma: Array, width: float, sharp: bool) -> Array:
 
 
 def _smoothed(values: Array, sigma: float) -> Array:
-    """Smooth by a Gaussian of `sigma` rows. At its ends a series goes on along its line there: mirrored, a steady
-    rise would begin with a pause, which a coil remembers.
+    """Smooth by a Gaussian of `sigma` rows, extrapolating linearly at the ends: mirrored, a steady rise would begin
+    with a pause, to which a coil with memory would respond.
     """
     m = min(len(values), math.ceil(REACH * sigma) + 1)
     k = np.arange(m)
@@ -135,7 +135,7 @@ def _speed_sigma_m_s(e: Evidence) -> Array:
 
 
 def _turn_sigma_rad_s(e: Evidence) -> Array:
-    """Deviation of each step's turn over its length, (n,), as wheels tell it, and fixes, to which the path is bent."""
+    """Deviation of each step's yaw rate, (n,), due to the wheels and to the fixes to which the path is bent."""
     distance_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m + e.datasheet.count_m**2 / 3.0
     variance_rad2 = distance_m2 / e.tread_m**2
     variance_rad2[e.fix_step] += 2.0 * e.datasheet.heading_rad**2
@@ -148,15 +148,15 @@ def _ratio(a: Array, b: Array) -> Array:
 
 
 def _turn(e: Evidence, path: Path, typical_s: float, sharp: bool) -> Array:
-    """Turn of each step, from the gyro with a slow correction: what the fixes' noise shakes must not be a regressor.
+    """Turn of each step, from the gyro with a slow correction, to keep the fixes' noise out of the regressors.
 
-    A column with the reference's noise in it is correlated with the innovations that it is to explain.
+    A column that contains the reference's noise is correlated with the innovations that it should explain.
     """
     turn = path.moved[:, 2]
-    # The wheels' turn is mostly noise on a straight line, and would explain itself there.
+    # On a straight line the wheels' turn is mostly noise, and would explain itself.
     seen = _denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s, sharp) * e.step_s
     if e.gyro_rad is not None:
-        # There the fixes know more, to which the path is bent.
+        # Where the gyro is uncertain, the path, bent to the fixes, is better.
         is_unsure = e.gyro_inflation_rad2 > e.datasheet.heading_rad**2
         slow = gaussian_filter1d(np.where(is_unsure | (e.jump_rad2 > 0.0), 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
         seen = np.where(is_unsure, seen, e.gyro_rad + slow)
@@ -164,10 +164,10 @@ def _turn(e: Evidence, path: Path, typical_s: float, sharp: bool) -> Array:
 
 
 class Sensitivities:
-    """Makes sensitivities along a motion. (72)
+    """Compute sensitivities along a motion. (72)
 
-    `sharp`: the motion of what acts on the time. Its noise does no harm there: no series looks like its own derivative,
-    while a scale would be found that explains the noise in it by itself.
+    `sharp`: the motion for timing effects. Its noise does no harm there, being orthogonal to its own derivative; a
+    scale factor would be found that explains this noise by itself.
     """
 
     def __init__(self, e: Evidence, motion: Motion, sharp: Motion):
@@ -181,7 +181,7 @@ class Sensitivities:
         return cls(e, motion, _moving(motion, e, path, sharp=True))
 
     def along(self, change: Change) -> "Sensitivities":
-        """Sensitivities along the motion changed so, the sharp one, too."""
+        """Sensitivities along the changed motion; the sharp motion is changed, too."""
         return Sensitivities(self.e, change(self.motion), change(self.sharp))
 
     def motion_of(self, effect: Effect) -> Motion:
@@ -190,15 +190,15 @@ class Sensitivities:
 
     @property
     def body(self) -> Sensitivity:
-        """The motion itself, as sensors without errors would tell it."""
+        """The motion itself, as error-free sensors would measure it."""
         m = self.sharp
         return self.of(Errors(m.rate_rad_s, m.left_m_s, m.right_m_s))
 
     @cached_property
     def calm_rate_rad_s(self) -> Array:
-        """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves.
+        """The motion's yaw rate, smoothed: small rates that contain the gyro's noise would explain that noise.
 
-        Where that noise does not account for the difference it is as it was: no turn leaks into a straight line.
+        Where smoothing changes it by more than the noise, it stays unsmoothed: turns do not leak into straight lines.
         """
         e, rate = self.e, self.motion.rate_rad_s
         step_s = float(self.motion.time_s[1] - self.motion.time_s[0])
@@ -210,13 +210,13 @@ class Sensitivities:
         """Sum the rates of errors on the fine grid over each step."""
 
         def summed(rate: Array | float) -> Array | float:
-            # A product is several times as fast as a sum over so short an axis.
+            # Over such a short axis, a product is several times as fast as a sum.
             return (rate * self.h).reshape(-1, SUB) @ np.ones(SUB) if isinstance(rate, np.ndarray) else 0.0
 
         return Sensitivity(*(summed(rate) for rate in errors))
 
     def wheels_drift(self, readings: Motion) -> tuple[str, float, Sensitivity]:
-        """How the wheels' lag grows by itself, of the motion as counters tell it; as `nuisances`. (70)"""
+        """Growth of the wheels' lag, from the motion as counted; a nuisance as in `nuisances`. (70)"""
         ends_s = self.e.edges_s[[0, -1]]
         growth = WHEELS_WANDER_S / float(np.ptp(ends_s))
         late_s = growth * (readings.time_s - ends_s.mean())
@@ -228,17 +228,17 @@ class Sensitivities:
 
 
 def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float, Sensitivity]]:
-    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)
+    """Nuisances: errors of the reference itself; name, prior sigma, sensitivity. (70)
 
-    `ahead_m`: deviation of its lever arm ahead, where the robot is near.
+    `ahead_m`: deviation of its lever arm ahead, if the robot is near robot.yaml.
     """
     if not len(e.fix):
         return []
     k = e.fix_step
-    # From the sensors: the path is bent to the fixes, and has their noise in it.
+    # From the sensors: the path is bent to the fixes and contains their noise.
     travel, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
     turn = _turn(e, path, float(np.median(e.step_s)), sharp=True)
-    # Where fixes scatter by 0.2 mm, as lidar odometry's do, their noise in the heading of a lever arm counts, too.
+    # If fixes scatter by 0.2 mm, like lidar odometry's, even their noise in the heading of a lever arm matters.
     heading = path.pose[0, 2] + np.cumsum(turn)[k] if e.is_far else path.pose[k + 1, 2]
     c, s = np.cos(heading), np.sin(heading)
     moved = np.column_stack([travel * np.cos(middle), travel * np.sin(middle), turn])
@@ -260,7 +260,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         found.append((AHEAD, ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
         passed = np.cumsum(moved, axis=0)
-        rows = 2 * round(0.5 * AVERAGED_S / float(np.median(e.step_s))) + 1  # odd: of an even number the mean is late
+        rows = 2 * round(0.5 * AVERAGED_S / float(np.median(e.step_s))) + 1  # odd: the mean of an even number is late
         mean = uniform_filter1d(passed, rows, axis=0, mode="nearest")
         found.append((SMOOTHING, 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found
