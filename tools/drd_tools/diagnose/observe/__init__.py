@@ -1,1 +1,1 @@
-"""A recording as steps of time: what each sensor says of each step, and the events that need no regression."""
+"""A recording as time steps: the readings of each sensor per step, and the events found without regression."""

@@ -1,6 +1,6 @@
-"""Events, which are found by logic before any regression: a stopped counter, a clipped gyro, one-sided jumps of counts.
+"""Events, found by logic before any regression: a stopped counter, a clipped gyro, one-sided jumps of counts.
 
-Events are not regressions: what they explain is nearly certain where they are, and nothing elsewhere.
+Events are not regressed: where they occur they are nearly certain, and elsewhere they explain nothing.
 """
 
 from dataclasses import dataclass, replace
@@ -22,28 +22,28 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
+FEWEST_CLIPPED: Final = 10  # readings: fewer equal ones may be chance
 ALIKE_SHARE: Final = 1e-9  # of the limit: the digits of a file
-TURNING_SHARE: Final = 0.3  # of the limit, from which a robot turns
-NEAREST: Final = 100  # values below the limit, whose spacing is the usual one there
-# Resolution over the scatter from row to row: one that hides the noise piles up at each constant rate.
+TURNING_SHARE: Final = 0.3  # of the limit, above which a robot is turning
+NEAREST: Final = 100  # values below the limit, to determine the usual spacing
+# Resolution over the scatter from row to row: a coarser one piles up readings at each constant rate.
 FINE_SHARE: Final = 0.3
-FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
-PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
-SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: of 10^5 Gaussian rows none is further
-MEDIAN_ROWS: Final = 5  # odd; a spike of two rows is not in the median
-SURROUNDINGS_ROWS: Final = 9  # odd; wide enough to hold both flanks of a spike, narrow beside a change of speed
-FEWEST_FIXES: Final = 20  # fewer have no usual step that a jump could differ from
-JUMP_SIGMAS: Final = 7.0  # of one row: two of them, and a turn between, make six by chance
-TOLD_SIGMAS: Final = 10.0  # of a jump that is told: of 10^6 Gaussian rows one may have it, and 200 have seven
+FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: covers the uncertainty of the tread
+PILED_UP: Final = 2.0  # ratio of the readings at the limit to those within nine widths below it
+SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: exceeds 10^5 Gaussian rows
+MEDIAN_ROWS: Final = 5  # odd; the median ignores a spike of two rows
+SURROUNDINGS_ROWS: Final = 9  # odd; wide enough for both flanks of a spike, narrower than a change of speed
+FEWEST_FIXES: Final = 20  # fewer do not determine a usual step
+JUMP_SIGMAS: Final = 7.0  # of one row: the difference of two, with a turn between, reaches six by chance
+TOLD_SIGMAS: Final = 10.0  # of a reported jump: one of 10^6 Gaussian rows may reach it, and 200 reach seven
 ONE_SIDED_P: Final = 1e-6  # of jumps ahead and back by chance: an event must be nearly certain
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Events, and the evidence with its covariance inflated where sensors said nothing of use.
+    """Events, and the evidence with its covariance inflated where sensors carried no useful information.
 
-    `tread`: by which counters at rest were judged.
+    `tread`: used to judge counters at rest.
     """
 
     events: list[Event]
@@ -65,7 +65,7 @@ def audit(recording: Recording, e: Evidence, tread: Tread = BELIEVED_TREAD) -> A
 
 
 def _with_jumps(e: Evidence) -> Evidence:
-    """Inflate the pose's covariance where the reference jumps: as no robot moves, as its gyro does not turn. (71)"""
+    """Inflate the pose's covariance where the reference jumps: by its usual speed, or by the gyro's turn. (71)"""
     if len(e.fix) < FEWEST_FIXES or not e.has_wheels:
         return e
     at = e.fix_time_s
@@ -85,7 +85,7 @@ def _with_jumps(e: Evidence) -> Evidence:
     step, first_after = e.fix_step[1:][is_jump], 1 + np.flatnonzero(is_jump)
     np.add.at(jump_m2, step, off_m[is_jump] ** 2)
     np.add.at(jump_rad2, step, off_rad[is_jump] ** 2)
-    # The jump is at its step's begin: what the same step has from before it would contradict what comes after.
+    # The jump is placed at the start of its step: earlier fixes of the same step would contradict later ones.
     kept = np.ones(len(at), np.bool_)
     for begin, end in zip(np.searchsorted(e.fix_step, step), first_after, strict=True):
         kept[begin:end] = False
@@ -93,18 +93,18 @@ def _with_jumps(e: Evidence) -> Evidence:
 
 
 def jumped(e: Evidence) -> npt.NDArray[np.bool_]:
-    """Steps (n,) in which the reference's position surely jumps."""
+    """Steps (n,) in which the reference's position certainly jumps."""
     return e.jump_m2 > (TOLD_SIGMAS * e.datasheet.position_m) ** 2
 
 
 def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:
-    """Readings that pile up at the largest rate: the very same one, or with the wheels turning faster."""
+    """Find readings that pile up at the largest rate: identical ones, or with the wheels turning faster."""
     if fog is None or e.gyro_rad is None:
         return []
     if (found := _alike_at_the_top(fog)) is not None:
         limit, alike, below = found
         begin_s = fog.time_s - np.diff(fog.time_s, prepend=2.0 * fog.time_s[0] - fog.time_s[1])
-        # A step is clipped where one of its rows is.
+        # A step is clipped if one of its rows is.
         count = np.concatenate([[0], np.cumsum(alike)])
         first, last = np.searchsorted(fog.time_s, e.time_s - e.step_s), np.searchsorted(begin_s, e.time_s)
         at = count[np.maximum(last, first)] > count[first]
@@ -113,7 +113,7 @@ def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:
         return []
     rate = e.gyro_rad / e.step_s
     limit = float(np.abs(rate).max())
-    # Noise and resolution spread what is clipped before them.
+    # Noise and resolution that act after clipping spread the clipped readings.
     step_s = float(np.median(e.step_s))
     width = 6.0 * e.datasheet.walk_rad_per_sqrt_s / step_s**0.5 + 2.0 * e.datasheet.resolution_rad_s + 1e-6 * limit
     at = np.abs(rate) >= limit - width
@@ -127,9 +127,9 @@ def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:
 
 
 def _alike_at_the_top(fog: FogLog) -> tuple[float, npt.NDArray[np.bool_], int] | None:
-    """The largest rate, which rows have it to the digit, (n,), and how many rows are near below it.
+    """The largest rate, which rows equal it exactly, (n,), and the number of rows just below it.
 
-    None where that may be chance, or a gyro whose noise is below its resolution.
+    None if this may be chance, or if the gyro's noise is below its resolution.
     """
     rate = np.abs(fog.rate_rad_s)
     limit = float(rate.max())
@@ -147,7 +147,7 @@ def _alike_at_the_top(fog: FogLog) -> tuple[float, npt.NDArray[np.bool_], int] |
 
 
 def _wheels_are_faster(e: Evidence, rate: Array, at: npt.NDArray[np.bool_], limit: float) -> bool:
-    """Whether the wheels turn faster than the limit at these steps (n,): a turn at a constant rate piles up as well."""
+    """Whether the wheels turn faster than the limit at these steps (n,): a turn at a constant rate also piles up."""
     assert e.gyro_rad is not None
     wheels = (e.right_m - e.left_m) / e.tread_m
     turning = (np.abs(rate) > TURNING_SHARE * limit) & (np.abs(rate) < 0.9 * limit)
@@ -160,10 +160,10 @@ def _wheels_are_faster(e: Evidence, rate: Array, at: npt.NDArray[np.bool_], limi
 
 
 def _clipping(e: Evidence, inflation: Array, at: npt.NDArray[np.bool_], limit: float, count: int, below: int) -> Event:
-    """The event of steps `at` (n,) that are clipped, whose gyro is not compared; so many readings at the limit."""
-    for first, last in runs(binary_dilation(at)):  # a reading at the edge is clipped for a part of its time
+    """Event of the clipped steps `at` (n,), in which the gyro is not compared; `count`: readings at the limit."""
+    for first, last in runs(binary_dilation(at)):  # a reading at the edge is partly clipped
         step_s = e.step_s[first:last]
-        # Without wheels, which tell the turn, as much again may be missing of all that is cut off at once.
+        # Without wheels the turn is unknown: as much again may be missing in each run of clipped steps.
         inflation[first:last] = np.inf if e.has_wheels else limit**2 * step_s.sum() * step_s
     effect = showing(Symptom.CLIPPED)
     nats = count * float(np.log(2.0 * max(1.0, 20.0 * count / (below + 1.0))))
@@ -172,7 +172,7 @@ def _clipping(e: Evidence, inflation: Array, at: npt.NDArray[np.bool_], limit: f
 
 
 def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
-    """Sudden travel of one wheel that is always too much: stones and cracks. Slip goes both ways."""
+    """Find sudden travel of a wheel that is always too much: stones and cracks. Slip has both signs."""
     if log.left_counts is None or log.right_counts is None:
         return []
     more, less, added, distance = 0, 0, 0.0, 0.0
@@ -187,7 +187,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
         sigma = robust.deviation(z[moving])
         if sigma <= 0.0:
             continue
-        # A peak of the speed is no spike: it is near the median of its surroundings.
+        # A peak of the speed is not a spike: it is close to the median of its surroundings.
         alone = np.abs(travel - median_filter(travel, SURROUNDINGS_ROWS, mode="nearest")) / np.sqrt(
             np.abs(usual) + 1e-12
         )
@@ -212,7 +212,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
 
 
 def _neighbours(values: Array) -> Array:
-    """Mean of the medians of the rows before and after each row: a spike is not in it, and a slope cancels."""
+    """Mean of the medians of the rows before and after each row: it ignores spikes, and slopes cancel."""
     padded = np.concatenate([np.repeat(values[:1], MEDIAN_ROWS), values, np.repeat(values[-1:], MEDIAN_ROWS)])
     medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_ROWS), axis=1)
     n = len(values)
@@ -221,7 +221,7 @@ def _neighbours(values: Array) -> Array:
 
 
 def _spans(time_s: Array, step_s: Array, flags: npt.NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Times of the runs of True; those that are less than 2 s apart are one."""
+    """Times of the runs of True; runs less than 2 s apart are joined."""
     spans: list[tuple[float, float]] = []
     for first, last in runs(flags):
         begin, end = float(time_s[first] - step_s[first]), float(time_s[last - 1])

@@ -1,4 +1,4 @@
-"""Check that the sensors of a recording can be compared: of the same time, and in the units that are stated."""
+"""Check that the sensors of a recording can be compared: overlapping in time, and in the stated units."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import Recording
 
-# Faster in so many percent of the rows is another unit: no gyro reads, and no robot drives so.
+# Limits for this percentile: anything faster is in another unit, since no gyro or robot reaches them.
 MOST_DEG_S, MOST_M_S, USUAL_PERCENT = 5000.0, 100.0, 90.0
 
 
 def check_comparable(recording: Recording) -> None:
-    """Check that there are two sensors at least, whose times overlap. Raises ConfigError."""
+    """Check that there are at least two sensors and that their times overlap. Raises ConfigError."""
     times = {"encoders.csv": recording.wheels, "fog.csv": recording.fog, "reference.csv": recording.reference}
     known = {name: log.time_s for name, log in times.items() if log is not None and len(log.time_s)}
     if len(known) < 2:
@@ -29,7 +29,7 @@ def check_comparable(recording: Recording) -> None:
 
 
 def _check_plausible(recording: Recording) -> None:
-    """Check rates and speeds: what is a thousand times as fast has the wrong unit. Raises ConfigError."""
+    """Check rates and speeds: values a thousand times too fast have the wrong unit. Raises ConfigError."""
     fog, wheels, reference = recording.fog, recording.wheels, recording.reference
     fastest: list[tuple[str, str, Array, float]] = []
     if fog is not None:

@@ -1,6 +1,6 @@
-"""Constants of robot and reference, from the calibrator: where a diagnosis of a robot far from robot.yaml sets out.
+"""Constants of robot and reference from the calibrator: the start of the diagnosis of a robot far from robot.yaml.
 
-They are effects of the catalogue, whose parameters have the calibrator's values and deviations as a prior. (79)
+They are effects of the catalogue, with the calibrator's values and deviations as the prior of their parameters. (79)
 """
 
 import math
@@ -27,18 +27,18 @@ from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-# Their deviations are in the prior: a tread of 0.8 +- 0.06 sets out better than the nominal one does.
+# The prior has the deviations: a tread of 0.8 +- 0.06 is a better start than the nominal one.
 NO_LIMIT: Final = np.full(3, np.inf)
-MOST_UNEQUAL: Final = 1.5  # radii: what a calibration makes of a counter that stopped in a drive of 30 cm
+MOST_UNEQUAL: Final = 1.5  # ratio of radii: more is the calibration of a counter that stopped in a drive of 30 cm
 CERTAIN: Final = Calibrated(0.0, 0.0, 0.0, gyro_clock=0.0)  # deviations
-WIDER: Final = 2.0  # than its sigma a constant may be off where the calibrator takes an effect for it
+WIDER: Final = 2.0  # times its sigma: error of a constant if the calibrator attributes an effect to it
 
 
 @dataclass(frozen=True)
 class Constants:
-    """The recording with its reference's stamps put right by `lag_s`, the robot's constants, and their deviations.
+    """The recording with its reference's stamps corrected by `lag_s`, the robot's constants, and their deviations.
 
-    `unmeasured`: deviations, besides, of what nothing has measured.
+    `unmeasured`: additional deviations due to quantities that were not measured.
     """
 
     recording: Recording
@@ -50,7 +50,7 @@ class Constants:
 
     @property
     def has_lag(self) -> bool:
-        """Whether anything tells the reference's lag."""
+        """Whether the reference's lag is determined."""
         return self.lag_sigma_s > 0.0
 
     @property
@@ -62,7 +62,7 @@ class Constants:
             if values is None or effect.is_neutral(values):
                 continue
             sigma = {name: WIDER * self.spread(effect, name, self.sigma) for name in values}
-            if any(abs(number(values, name)) > sigma[name] for name in values):  # else it is as robot.yaml has it
+            if any(abs(number(values, name)) > sigma[name] for name in values):  # else robot.yaml is right
                 prior = {
                     name: (number(values, name), math.hypot(sigma[name], self.spread(effect, name, self.unmeasured)))
                     for name in values
@@ -71,7 +71,7 @@ class Constants:
         return tuple(found)
 
     def spread(self, effect: Effect, name: str, of: Calibrated) -> float:
-        """Deviation of a parameter by those `of` all constants that it is made of."""
+        """Deviation of a parameter, propagated from the deviations `of` all constants."""
         at = number(effect.calibrated(self.robot) or {}, name)
         square = 0.0
         for constant, sigma in of._asdict().items():
@@ -81,7 +81,7 @@ class Constants:
 
 
 class _Geometry(NamedTuple):
-    """Radii and tread over the nominal ones, their deviations, and those, besides, of what nothing has measured."""
+    """Radii and tread relative to nominal, their deviations, and those due to quantities that were not measured."""
 
     robot: Calibrated = NOMINAL
     sigma: Calibrated = CERTAIN
@@ -89,13 +89,13 @@ class _Geometry(NamedTuple):
 
     @property
     def is_of_a_robot(self) -> bool:
-        """Whether any robot has such wheels."""
+        """Whether the radii are those of a possible robot."""
         left, right = self.robot.left, self.robot.right
         return min(left, right) > 0.0 and max(left / right, right / left) <= MOST_UNEQUAL
 
 
 def constants(recording: Recording) -> Constants:
-    """Measure the constants: by a dense reference, else by a gyro; where neither determines them they are nominal."""
+    """Measure the constants with a dense reference, else with a gyro; they stay nominal if neither determines them."""
     reference = recording.reference
     has_path = reference is not None and is_dense(reference)
     if recording.fog is None and not has_path:
@@ -121,12 +121,12 @@ def _by_reference(recording: Recording) -> _Geometry | None:
         return None
     fit = fit_wheels([drive], limit=NO_LIMIT)
     left, right, tread = (float(a / b) for a, b in zip(fit.wheels, drive.nominal, strict=True))
-    of_left, of_right, of_tread = fit.narrow_sigma  # WIDER has room for how few windows there are
+    of_left, of_right, of_tread = fit.narrow_sigma  # WIDER covers the small number of windows
     return _Geometry(Calibrated(left, right, tread), Calibrated(of_left * left, of_right * right, of_tread * tread))
 
 
 def _by_gyro(recording: Recording, lags: Lags) -> _Geometry | None:
-    """The mean radius is as robot.yaml has it: a gyro tells what is in proportion to it."""
+    """Geometry for the mean radius of robot.yaml: a gyro determines the rest only relative to it."""
     found = fit_by_gyro(recording, lags.wheels_s - lags.gyro_s, lags.growth)
     if found is None:
         return None
@@ -160,21 +160,21 @@ def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constan
 
 
 def observe(recording: Recording) -> tuple[Constants, Audit]:
-    """Constants and events of a recording: where a counter stopped, the constants are those of the rest.
+    """Constants and events of a recording; intervals with a stopped counter are left out of the constants.
 
-    Raises ConfigError where there is nothing to compare, or sensors turn against each other.
+    Raises ConfigError if there is nothing to compare, or sensors turn against each other.
     """
     check_comparable(recording)
     check_conventions(recording)
     measured, audited = _observed(as_read(recording))
-    # Its rows are those that the daemon would have, however often they repeat a count.
+    # Keep the rows as the daemon would receive them, with repeated counts.
     return replace(measured, recording=replace(recording, reference=measured.recording.reference)), audited
 
 
 def _observed(recording: Recording) -> tuple[Constants, Audit]:
     measured = constants(recording)
     audited = _audited(measured)
-    # A counter that stopped where a robot drives one circle only passes for another tread, of which it did not stop.
+    # If the robot only drives a circle, a stopped counter looks like another tread, with which nothing stopped.
     for believed in (audited, _audited(replace(measured, robot=NOMINAL))):
         if _has_stopped(believed):
             again = _repaired(recording, measured, believed)
@@ -185,7 +185,7 @@ def _observed(recording: Recording) -> tuple[Constants, Audit]:
 
 def _audited(measured: Constants) -> Audit:
     tread = Tread(measured.robot.tread, measured.sigma.tread, measured.robot.tread != NOMINAL.tread)
-    if abs(tread.ratio - NOMINAL.tread) <= SURE * tread.sigma:  # robot.yaml's is the better one
+    if abs(tread.ratio - NOMINAL.tread) <= SURE * tread.sigma:  # robot.yaml's is better
         tread = Tread(is_measured=tread.is_measured)
     return audit(
         measured.recording,
@@ -199,6 +199,6 @@ def _has_stopped(audited: Audit) -> bool:
 
 
 def _repaired(recording: Recording, measured: Constants, audited: Audit) -> Constants:
-    """The constants of the rest, where counters stopped; the recording as it is."""
+    """The constants without the intervals of stopped counters; the recording itself stays unchanged."""
     again = constants(repaired(recording, audited.evidence, audited.events, audited.tread))
     return replace(again, recording=replace(measured.recording, reference=again.recording.reference))

@@ -1,4 +1,4 @@
-"""Signs, sides and units of a recording, by the checks of `drd import`: no physics turns one sensor the other way."""
+"""Check signs, sides and units of a recording as `drd import` does: no physical effect inverts a sensor."""
 
 from typing import Final
 
@@ -7,7 +7,7 @@ from drd_tools.importing.checks import WRONG, Finding, mistaken_unit
 from drd_tools.importing.examine import GyroRates, WheelTravel, examine
 from drd_tools.recordings.folder import Recording
 
-# By the first word of a check: file, key and what is expected (REP 103, and the names of the columns).
+# By the first word of a check: file, key and expected convention (REP 103, and the names of the columns).
 EXPECTED: Final = {
     "sign": ("fog.csv", "rate_deg_s", "a rate that is positive counter-clockwise"),
     "sides": ("encoders.csv", "", "the left wheel on the left, and both positive ahead"),
@@ -17,7 +17,7 @@ MOST_LAG_S: Final = 1.0  # between two sensors: real references are up to 0.5 s 
 
 
 def check_conventions(recording: Recording) -> None:
-    """Check that all sensors turn the same way, in the same unit. Raises ConfigError where they surely do not."""
+    """Check that all sensors turn the same way, in the same unit. Raises ConfigError if they certainly do not."""
     fog, log, nominal = recording.fog, recording.wheels, recording.nominal
     gyro = None if fog is None else GyroRates(fog.time_s, fog.rate_rad_s[:, None], ("z",))
     wheels = None
@@ -32,6 +32,6 @@ def check_conventions(recording: Recording) -> None:
 
 
 def _is_in_another_unit(finding: Finding) -> bool:
-    """Whether degrees were surely taken for radians, or the other way round: a wheel or tread makes another gain."""
+    """Whether degrees were certainly taken for radians, or vice versa: a wrong wheel or tread gives another gain."""
     gain = abs(finding.numbers.get("gain", 0.0))
     return bool(mistaken_unit(gain, gain))

@@ -1,4 +1,4 @@
-"""Events: effects that logic finds before any regression."""
+"""Events: effects found by logic before any regression."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from drd_tools.diagnose.selected import Selected
 
 @dataclass(frozen=True)
 class Event:
-    """A selected effect that was found by logic: `windows` (s), `nats` of evidence, and what was seen."""
+    """A selected effect found by logic: `windows` (s), `nats` of evidence, and a text on what was `seen`."""
 
     selected: Selected
     windows: tuple[tuple[float, float], ...]
@@ -19,6 +19,6 @@ class Event:
 
 
 def runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and after-last index of each run of True."""
+    """First and past-the-end index of each run of True."""
     edge = np.diff(np.concatenate([[False], flags, [False]]).astype(int))
     return list(zip(np.flatnonzero(edge == 1).tolist(), np.flatnonzero(edge == -1).tolist(), strict=True))

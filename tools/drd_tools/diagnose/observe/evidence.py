@@ -1,4 +1,4 @@
-"""A recording on one grid of time: what the sensors say of each step, and what the reference says of the pose."""
+"""A recording on one time grid: the sensors' readings in each step, and the reference's poses."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,24 +19,24 @@ from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
 
 FEWEST_STEPS: Final = 10  # fewer leave nothing to be fitted
-UNSEEN: Final = 1e12  # sigma of what no sensor tells, m or rad
-NEIGHBOURS: Final = 1  # steps on either side: where a stamp may put a count
-# Where robot.yaml does not say: data sheets of the gyros that the project supports, and a smooth floor.
+UNSEEN: Final = 1e12  # sigma of an unobserved quantity, m or rad
+NEIGHBOURS: Final = 1  # steps on either side into which a stamp may shift a count
+# Defaults if robot.yaml states none: data sheets of the supported gyros, and a smooth floor.
 WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
 BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
-INFLATION: Final = 10.0  # times the data sheets': what real wheels slip in the long run, at most
-LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data sheet may say so
-LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
+INFLATION: Final = 10.0  # times the data sheets': largest long-run slip of real wheels
+LEAST: Final = 1e-2  # of the default: no sensor is free of noise, whatever its data sheet states
+LATERAL_SHARE: Final = 0.25  # of the slip: not in any data sheet
 POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
 HEADING_SIGMA_DEG: Final = 0.5  # of the same
-LONGEST_FIX_S: Final = 0.5  # between sparser ones a robot may turn and stop
+LONGEST_FIX_S: Final = 0.5  # between sparser fixes a robot may turn and stop
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Sizes of the noise, SI. Those of the data sheets are the priors of what is fitted. (68)"""
+    """Sizes of the noise, SI. Those of the data sheets are the priors of the fitted ones. (68)"""
 
     walk_rad_per_sqrt_s: float
     bias_rad_s: float
@@ -48,11 +48,11 @@ class Noise:
     count_m: float
     position_m: float
     heading_rad: float
-    jitter_s: float = 0.0  # of the wheels' time from one change of speed to the next (25)
+    jitter_s: float = 0.0  # of the timing of the wheels' changes of speed (25)
     ahead_m: float = 0.0  # of the reference's lever arm ahead (70)
 
     def inflated(self) -> "Noise":
-        """Noise in place of what a model lacks: that must not keep a path from following the fixes."""
+        """Inflate the noise, so that effects missing from the model do not keep a path from following the fixes."""
         slip = INFLATION * self.slip_m_per_sqrt_m
         return replace(
             self,
@@ -65,7 +65,7 @@ class Noise:
 
     def wheels(self, e: "Evidence") -> Array:
         """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""
-        if not e.has_wheels:  # at standstill, that nothing turns
+        if not e.has_wheels:  # at standstill the turn is observed to be 0
             return np.where(e.still, self.gyro(e), UNSEEN**2)
         D2 = e.tread_m**2
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
@@ -83,7 +83,7 @@ class Noise:
         )
 
     def steps(self, e: "Evidence", c: Array, s: Array, hx: Array, hy: Array) -> Array:
-        """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
+        """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: effect of a heading error on x and y."""
         forward = (self.forward_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
         turn = np.where(e.gyroless, self.wheels(e), self.gyro(e)) + e.jump_rad2
@@ -105,19 +105,18 @@ class Noise:
 class Evidence:
     """A recording in steps k = 0..n-1, which end at `time_s` (n,), each `step_s` (n,) long.
 
-    `gyro_rad` (n,): angle that the gyro turned, or None. `left_m`, `right_m` (n,): travel by the counters.
-    `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
-    decide what a step has. `still` (n,): no wheel has counted for a second before and after.
-    `..._inflation_...` (n,): variance added to a step's, where a sensor said nothing of use; a gyro's of inf: the turn
+    `gyro_rad` (n,): turn by the gyro, or None. `left_m`, `right_m` (n,): travel by the counters.
+    `travel_m` (n,): of both wheels; `near_travel_m`: largest in a step or its neighbours, since at a stop the stamps
+    decide which step a count falls in. `still` (n,): no wheel has counted for a second before and after.
+    `..._inflation_...` (n,): variance added where a sensor carried no useful information; inf for the gyro: the turn
     is the wheels'. `jump_m2`, `jump_rad2` (n,): variance of a jump of the reference in the step, of each coordinate and
-    of the heading. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
+    of the heading. `datasheet`: the noise stated by the sensors' makers or robot.yaml.
     `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
-    reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
-    `robot`: its constants as far as measured; `is_far`: they are far from those of robot.yaml, and so may the
-    reference's mounting be. `reference_lag_s`: what its stamps have been put right by; None
-    where nothing tells it. `counted_m`: what the wheels' counters tell, by which they turn, where effects have been
-    taken off `left_m` and `right_m`.
+    reference's positions, 0 if they are too sparse, and only headings, and the turn at standstill, are compared.
+    `robot`: its constants as far as measured; `is_far`: they, and perhaps the reference's mounting, are far from
+    robot.yaml. `reference_lag_s`: correction of the reference's stamps; None if it is not determined. `counted_m`: the
+    counted travel, which gives the wheels' angles, if effects have been removed from `left_m` and `right_m`.
     """
 
     name: str
@@ -155,7 +154,7 @@ class Evidence:
 
     @property
     def has_three_clocks(self) -> bool:
-        """Whether wheels, gyro and reference are of real ground, where the lags between them change by themselves."""
+        """Whether there are wheels, gyro and reference on real ground, where the lags between them drift."""
         return self.is_far and self.gyro_rad is not None and self.has_wheels
 
     @cached_property
@@ -177,7 +176,7 @@ class Evidence:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels whose errors can be seen at all."""
+        """Channels whose errors are observable."""
         return (("gyro",) if self.gyro_rad is not None else ()) + (("wheels", "body") if self.has_wheels else ())
 
     @property
@@ -187,7 +186,7 @@ class Evidence:
         return result
 
     def with_fixes(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "Evidence":
-        """The evidence with some of its fixes only."""
+        """The evidence with only some of its fixes."""
         return replace(self, fix_step=self.fix_step[kept], fix_share=self.fix_share[kept], fix=self.fix[kept])
 
     @property
@@ -197,11 +196,11 @@ class Evidence:
 
     @property
     def apart_m(self) -> Array:
-        """Travel of the right wheel less the left one's in each step, their radii as far as measured, (n,)."""
+        """Travel of the right wheel less that of the left in each step, with the radii as far as measured, (n,)."""
         return self.right_m * self.robot.right - self.left_m * self.robot.left
 
     def earlier(self, increments: Array, delay_s: Array | float) -> Array:
-        """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late, at each edge."""
+        """Correct the increments of a sum, (n,), for samples stamped `delay_s` too late, at each edge."""
         if not np.any(delay_s):
             return increments
         edges = self.edges_s
@@ -212,7 +211,7 @@ class Evidence:
 
 
 def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
-    """The noise as robot.yaml states it, or as is usual. Without wheels no position is compared."""
+    """The noise stated by robot.yaml, or the default. Without wheels no position is compared."""
     nominal = data_sheet(nominal)
     per_revolution = nominal.counts_per_revolution
 
@@ -237,12 +236,11 @@ def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
 
 
 def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: float | None = 0.0) -> Evidence:
-    """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.
+    """Resample a recording to steps, which follow the gyro's samples if there is a gyro.
 
-    `robot`: its constants, as far as something has measured them; `reference_lag_s`: what its reference's stamps have
-    been put right by.
+    `robot`: its constants as far as measured; `reference_lag_s`: correction already applied to the reference's stamps.
 
-    Raises ConfigError where there is nothing to compare, or nothing of the same time.
+    Raises ConfigError if there is nothing to compare, or no overlap in time.
     """
     check_comparable(recording)
     grid, log, nominal = _grid(recording), recording.wheels, recording.nominal
@@ -252,7 +250,7 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
     zero = np.zeros(len(time_s))
     if log is None:
         assert grid.gyro_rad is not None
-        tread_m, radius_m = 1.0, 1.0  # they stand for nothing
+        tread_m, radius_m = 1.0, 1.0  # without meaning
         left_m = right_m = grids.travel(recording.reference, edges)
         lost_m2, still = zero, grids.still_by_gyro(grid, grid.gyro_rad, nominal.standstill_at_start_s)
     else:
@@ -277,7 +275,7 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
 
 
 def _without_holes(e: Evidence, grid: grids.Grid) -> Evidence:
-    """The evidence with the turns of the wheels, as late as they are, where the gyro's rows are missing for long."""
+    """Fill long gaps of the gyro with the turns of the wheels, corrected for their lag."""
     wheels = None
     if e.has_wheels:
         apart_m = np.interp(e.edges_s + e.robot.wheels_lag_s, e.edges_s, np.concatenate([[0.0], np.cumsum(e.apart_m)]))
@@ -289,7 +287,7 @@ def _without_holes(e: Evidence, grid: grids.Grid) -> Evidence:
 
 
 def _grid(recording: Recording) -> grids.Grid:
-    """The steps. Raises ConfigError where there are too few."""
+    """The steps. Raises ConfigError if there are too few."""
     fog, log = recording.fog, recording.wheels
     if fog is not None:
         grid = grids.gyro_grid(recording, fog)

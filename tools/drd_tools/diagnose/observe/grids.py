@@ -1,4 +1,4 @@
-"""The steps of a recording: the gyro's rows, or equal ones, and what each sensor says of them; holes are marked."""
+"""The steps of a recording: the gyro's rows, or equal ones, with each sensor's readings; gaps are marked."""
 
 import math
 from typing import Final, NamedTuple
@@ -14,27 +14,27 @@ from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
-# A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the path within a turn.
+# A fast gyro's rows are summed without loss. Longer steps would not follow the path within a turn.
 STEP_S: Final = 0.1
-SHORTEST_S: Final = 0.045  # references of 20 Hz and more: of faster ones some rows are enough
-MOST_SHARE: Final = 0.55  # of a step: at half, as of two fixes to a step, nothing grows; stamps jitter
+SHORTEST_S: Final = 0.045  # passes references of 20 Hz; of faster ones some rows suffice
+MOST_SHARE: Final = 0.55  # of a step: at half, with two fixes per step, nothing grows; the rest is for jitter
 WITHIN_SHARE: Final = 1e-6  # of a step: rounding
-# Time and memory are bounded: what is longer is cut.
+# Limits time and memory: longer recordings are cut.
 MOST_STEPS: Final = 12_000  # 20 minutes at 0.1 s
-LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
-GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
-BRIDGED_S: Final = 0.25  # without the gyro's rows: in less a robot hardly begins a turn and ends it
-HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a long hole may be off, of itself and in a second
+LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a gap
+GAP_S, GAP_ROWS = 0.5, 5.0  # after both, the counts are a sum that says little about single steps
+BRIDGED_S: Final = 0.25  # of missing gyro rows: too short for a robot to start and end a turn
+HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # error of the turn in a long gap, as a share and per second
 TURNING_RAD_S: Final = 0.01  # 0.6 deg/s: more than a gyro's noise over a second, less than a turn that matters
-DENSE_S: Final = 1.0  # a reference of rows so near tells the speed
-WAY_SMOOTHING_S: Final = 0.5  # of the reference's positions, whose noise would be speed
+DENSE_S: Final = 1.0  # rows of a reference this close determine the speed
+WAY_SMOOTHING_S: Final = 0.5  # of the reference's positions, whose noise would look like speed
 STILL_S: Final = 1.0  # before and after, without a count
 
 
 class Grid(NamedTuple):
-    """Steps that end at `time_s` (n,), each `step_s` (n,) long, and what the gyro says of each.
+    """Steps that end at `time_s` (n,), each `step_s` (n,) long, with the gyro's readings.
 
-    `bridged_rad2` (n,): variance of the turn in its short holes; `missing_s` (n,): how much of a step is in a long one.
+    `bridged_rad2` (n,): variance of the turn in short gaps; `missing_s` (n,): time of each step within a long one.
     """
 
     time_s: Array
@@ -45,12 +45,12 @@ class Grid(NamedTuple):
     missing_s: Array
 
     def at(self, rows: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "Grid":
-        """Some of its steps."""
+        """Select some of the steps."""
         return Grid._make(None if column is None else column[rows] for column in self)
 
 
 def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
-    """Grid of the gyro's rows while there are wheels, several to a step where they are many."""
+    """Grid of the gyro's rows while there are wheels; fast rows are combined, several to a step."""
     times, log = fog.time_s, recording.wheels
     if len(times) < 2:
         raise ConfigError(str(recording.folder / "fog.csv"), "", "at least 2 rows of numbers", str(len(times)))
@@ -73,8 +73,8 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
 
 
 def _with_holes_filled(fog: FogLog, whole_s: Array, typical_s: float) -> Grid:
-    """A step for each row, and for each that is missing; `whole_s` (n,): since the row before. (68)"""
-    # Fixes within one long step would have to be on a line.
+    """Make a step for each row and each missing row; `whole_s` (n,): time since the row before. (68)"""
+    # One long step would force the fixes within it onto a line.
     count = np.where(whole_s > MISSING_ROWS * typical_s, np.round(whole_s / typical_s), 1.0).astype(int)
     row = np.repeat(np.arange(len(count)), count)
     later = np.cumsum(count)[row] - 1 - np.arange(len(row))
@@ -91,9 +91,9 @@ def _with_holes_filled(fog: FogLog, whole_s: Array, typical_s: float) -> Grid:
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
-    """Grid of equal steps while there are wheels, the first fix at the end of one: noise in a step is not followed.
+    """Grid of equal steps while there are wheels, the first fix at the end of one, so that its noise is not amplified.
 
-    Where fixes would be early in steps, these end at fixes instead, and are nearly equal.
+    If fixes would lie early in steps, these end at fixes instead, and are nearly equal.
     """
     begin_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
     fix_s = np.zeros(0) if reference is None else reference.time_s
@@ -121,22 +121,23 @@ def _gyroless(time_s: Array, step_s: Array) -> Grid:
 
 
 def swings(share: Array) -> bool:
-    """Whether a path that is bent to fixes, which are such shares of a step before its end, swings ever wider.
+    """Whether a path that is bent to fixes at these shares of a step before its end oscillates with growing amplitude.
 
-    Where no gyro holds the turns, the errors of neighbouring ones grow by twice the share each time.
+    If no gyro constrains the turns, each linearisation multiplies the amplitude by twice the share.
     """
     return bool(np.any((share > MOST_SHARE) & (share < 1.0 - WITHIN_SHARE)))
 
 
 def is_dense(reference: ReferenceLog) -> bool:
-    """Whether the reference by itself tells the speed."""
+    """Whether the reference alone determines the speed."""
     return len(reference.time_s) > 2 and float(np.median(np.diff(reference.time_s))) <= DENSE_S
 
 
 def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
     """Step, share of a step before its end, and pose of each row of the reference.
 
-    Of a sparse reference a row within a step after the last is in that, at a share below 0: it may be all that tells.
+    A row of a sparse reference up to a step after the last step belongs to that, at a negative share: it may be the
+    only evidence.
     """
     reference, time_s = recording.reference, edges[1:]
     if reference is None:
@@ -151,15 +152,15 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
     fix = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])[within]
     share = (time_s[step] - at) / step_s[step]
     kept = np.ones(len(at), np.bool_)
-    if len(at) > MOST_STEPS:  # a step's last one is enough then
+    if len(at) > MOST_STEPS:  # the last one of each step is enough
         kept = np.append(np.diff(step) > 0, True)
-    if recording.fog is None and swings(share):  # those within steps of `even_grid` come too often
+    if recording.fog is None and swings(share):  # rows within steps of `even_grid` are too frequent
         kept &= (share < WITHIN_SHARE) | (share > 1.0 - WITHIN_SHARE)
     return step[kept], share[kept], fix[kept]
 
 
 def travel(reference: ReferenceLog | None, edges: Array) -> Array:
-    """Travel forward in each step, m, by the reference's positions: their noise is in no heading. 0 where sparse."""
+    """Forward travel in each step, m, from the reference's positions, along its headings; 0 if it is sparse."""
     if reference is None or not is_dense(reference):
         return np.zeros(len(edges) - 1)
     steps = WAY_SMOOTHING_S / float(np.median(np.diff(edges)))
@@ -170,7 +171,7 @@ def travel(reference: ReferenceLog | None, edges: Array) -> Array:
 
 
 def still_by_gyro(grid: Grid, gyro_rad: Array, standstill_s: float) -> npt.NDArray[np.bool_]:
-    """Steps of the standstill at the start that robot.yaml states, as far as nothing turns."""
+    """Steps of the standstill at the start stated by robot.yaml in which nothing turns."""
     believed = grid.time_s < grid.time_s[0] + standstill_s
     if not believed.any():
         return np.zeros(len(grid.time_s), np.bool_)
@@ -180,29 +181,29 @@ def still_by_gyro(grid: Grid, gyro_rad: Array, standstill_s: float) -> npt.NDArr
 
 
 def still_by_wheels(left_m: Array, right_m: Array, step_s: Array) -> npt.NDArray[np.bool_]:
-    """Steps in and around which no wheel has counted, (n,)."""
+    """Steps in and near which no wheel has counted, (n,)."""
     steps = max(1, round(STILL_S / float(np.median(step_s))))
     still: npt.NDArray[np.bool_] = maximum_filter1d(np.abs(left_m) + np.abs(right_m), 2 * steps + 1) == 0.0
     return still
 
 
 def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
-    """Variance of each wheel's travel in the steps of which the counters say nothing, or only a sum over long."""
+    """Variance of each wheel's travel in steps without counts, or with only their sum over a long time."""
     apart_s = np.diff(log.time_s)
     lost = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s)))
     if log.is_lost is not None:
         lost |= log.is_lost[1:]
     lost_s = np.diff(np.interp(edges, log.time_s, np.concatenate([[0.0], np.cumsum(lost * apart_s)])))
-    if speed_m_s[:2].any():  # else they stood before their first row, too
+    if speed_m_s[:2].any():  # else the wheels also stood before their first row
         lost_s[0] += max(float(log.time_s[0] - edges[0]), 0.0)
     return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2
 
 
 def without_holes(grid: Grid, wheels: tuple[Array, Array] | None) -> tuple[Array | None, Array]:
-    """The gyro's turns, with those of the `wheels` where its rows are missing for long, and their variance (n,).
+    """The gyro's turns, with those of the `wheels` in its long gaps, and their variance (n,).
 
-    `wheels`: turns and variance (n,). What their tread is off is off in all of a hole: the variances of its steps add
-    up to that. Without wheels the robot may turn as fast as it usually does. (68)
+    `wheels`: turns and variance (n,). An error of their tread is common to a whole gap: the variances of its steps add
+    up to that. Without wheels the deviation is the usual yaw rate. (68)
     """
     hole, gyro_rad = grid.missing_s > 0.0, grid.gyro_rad
     if gyro_rad is None or not hole.any():

@@ -1,4 +1,4 @@
-"""Which of gyro, wheels and reference is late, and whose clock runs off. (79)"""
+"""Lags of gyro, wheels and reference, and errors of their clocks. (79)"""
 
 import math
 from dataclasses import replace
@@ -18,15 +18,15 @@ from drd_tools.calibrate.wheels.lag import Lag, find_lag, reference_lag
 from drd_tools.recordings.folder import Recording
 
 SURE: Final = 3.0  # sigmas
-LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: without a gyro lags change by the first in a run; no clock is so far off
+LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: natural change of lags in a run without a gyro; beyond any clock's error
 REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay (70)
 
 
 class Lags(NamedTuple):
-    """How late sensors are, s, and their standard deviations; the earliest is in time.
+    """Lags of the sensors, s, relative to the earliest, and their standard deviations.
 
     `growth`: of the wheels' lag, s/s, which is then the one at time 0. `clock`: actual over nominal rate of the gyro's
-    samples; its deviation is that of a clock that runs off besides.
+    samples; its deviation is given even if no clock error was found.
     """
 
     wheels_s: float
@@ -45,7 +45,7 @@ class Lags(NamedTuple):
 
 
 def find_lags(recording: Recording) -> Lags:
-    """Measure the lags of a recording; 0 where it does not tell."""
+    """Measure the lags of a recording; 0 if it does not determine them."""
     has_gyro, has_wheels = recording.fog is not None, recording.wheels is not None
     against = "gyro" if has_gyro else "reference"
     drift = find_drift(recording, against) if has_wheels else None
@@ -59,11 +59,11 @@ def find_lags(recording: Recording) -> Lags:
         lag = replace(lag, lag_s=drift.lag_s)
     wheels_s, wheels_sigma_s = _determined(lag)
     behind_s, reference_sigma_s = _determined(reference_lag(in_time) if has_gyro else _reversed(lag))
-    # Wheels that are a little early on the whole may have a clock that runs off.
+    # Wheels that are slightly early on average may have a clock error.
     early_s = SURE * math.hypot(wheels_sigma_s, WHEELS_WANDER_S)
     wheels_s = wheels_s if wheels_s > SURE * wheels_sigma_s or wheels_s < -early_s else 0.0
     behind_s = behind_s if abs(behind_s) > SURE * math.hypot(reference_sigma_s, REFERENCE_LAG_S) else 0.0
-    # No sensor tells a motion before it is: the earliest of them is in time.
+    # No sensor reports a motion before it happens: the earliest of them is in time.
     gyro_s = -min(0.0, wheels_s, behind_s) if has_gyro else 0.0
     return Lags(
         wheels_s=max(0.0, wheels_s + gyro_s),
@@ -79,20 +79,20 @@ def find_lags(recording: Recording) -> Lags:
 
 
 def _determined(lag: Lag | None) -> tuple[float, float]:
-    """A lag and its standard deviation, s; 0 where it is not determined, as one that is clearly there is."""
+    """A lag and its standard deviation, s; 0 if it is neither determined nor significant."""
     if lag is None or not (lag.determined or (lag.is_usual and abs(lag.lag_s) > SURE * lag.sigma_s)):
         return 0.0, 0.0
     return lag.lag_s, lag.sigma_s
 
 
 def _reversed(lag: Lag | None) -> Lag | None:
-    """How late the reference is against the wheels."""
+    """Lag of the reference behind the wheels."""
     return None if lag is None else replace(lag, lag_s=-lag.lag_s)
 
 
 def _gyro_clock(recording: Recording, wheels: Drift | None, reference: Drift | None) -> tuple[float, float]:
-    """Rate of the gyro's clock and its deviation, where wheels and reference both run away from it: rather it than both
-    of them.
+    """Rate of the gyro's clock and its deviation, if wheels and reference both drift from it: more likely one clock is
+    wrong than two.
     """
     if wheels is None or reference is None or not (wheels.begins_usual and reference.begins_usual):
         return 1.0, 0.0
@@ -104,16 +104,16 @@ def _gyro_clock(recording: Recording, wheels: Drift | None, reference: Drift | N
     of_reference = w**2 / w_variance + _beyond(r) ** 2 / r_variance
     of_wheels = r**2 / r_variance + _beyond(w) ** 2 / w_variance
     variance = 1.0 / (1.0 / w_variance + 1.0 / r_variance)
-    # A gyro's clock may be off by more, and each rate of it is the less likely before any data.
+    # The range of a gyro's clock error is wider, so that each value has a lower prior density.
     wider = 2.0 * math.log(MOST_GROWTH / MOST_DRIFT)
     if squares > min(of_reference - wider, of_wheels - wider, of_none - SURE**2):
         return 1.0, math.sqrt(variance)
-    # A sample that is taken at t is stamped t ratio: beside it all else is late by t (1 - ratio).
+    # A sample taken at t is stamped t ratio: relative to it, all else is late by t (1 - ratio).
     return 1.0 - variance * (w / w_variance + r / r_variance), math.sqrt(variance)
 
 
 def _beyond(growth: float) -> float:
-    """By how much a lag grows faster than the clock of wheels or a reference may run off."""
+    """Growth of a lag beyond the largest clock error of wheels or reference."""
     return max(0.0, abs(growth) - MOST_DRIFT)
 
 
@@ -123,7 +123,7 @@ def _at_true_times(recording: Recording, clock: float) -> Recording:
 
 
 def _is_drift(drift: Drift, recording: Recording) -> bool:
-    """Whether the lag grows by more than a drive's own changes of it, and by no more than a clock's may."""
+    """Whether the lag grows by more than lags naturally change in a drive, and by less than a clock's largest error."""
     least = LEAST_DRIFT if recording.fog is None else SURE * WHEELS_WANDER_S / _length_s(recording)
     return abs(drift.growth) > SURE * drift.sigma and least < abs(drift.growth) < MOST_DRIFT
 

@@ -1,4 +1,4 @@
-"""What is looked at of a recording: its times from its start, and of a long one parts of 20 minutes at most."""
+"""Preparation of a recording: times counted from its start, and long ones split into parts of up to 20 minutes."""
 
 import math
 from dataclasses import replace
@@ -13,13 +13,13 @@ from drd_tools.recordings.folder import Recording
 
 PART: Final = "-part-"
 LOGS: Final = ("fog", "wheels", "reference")
-FULL: Final = 0.99  # of the most steps: rows are not quite even
-FEWEST_ROWS: Final = 20  # of each sensor: fewer are no part of their own
-CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a sentence
+FULL: Final = 0.99  # of MOST_STEPS: rows are not perfectly even
+FEWEST_ROWS: Final = 20  # of each sensor: parts with fewer are left out
+CUT_S: Final = 60.0  # a shorter end that is left out is not reported
 
 
 def from_its_start(recording: Recording) -> Recording:
-    """The recording with times as a model counts them: from the first row, where that is far from 0 (`batch.run`)."""
+    """The recording with times as a model counts them: from the first row, if that is far from 0 (`batch.run`)."""
     begin_s = zero_for_terms(first_s(recording))
     if not begin_s:
         return recording
@@ -30,9 +30,9 @@ def from_its_start(recording: Recording) -> Recording:
 
 
 def parts(recording: Recording) -> list[Recording]:
-    """The recording itself, or its parts of equal length, in order; those of hardly any rows are left out.
+    """The recording itself, or its parts of equal length, in order, without those of hardly any rows.
 
-    Times stay those of the whole. Only the first part has the standstill at the start.
+    Parts keep the times of the whole. Only the first has the standstill at the start.
     """
     logs = [log for log in (recording.fog, recording.wheels) if log is not None and len(log.time_s)]
     if not logs:
@@ -57,19 +57,19 @@ def parts(recording: Recording) -> list[Recording]:
 
 
 def first_s(recording: Recording) -> float:
-    """Time of the first row of gyro and wheels; 0 where there is none."""
+    """Time of the first row of gyro and wheels; 0 if there is none."""
     logs = [log.time_s for log in (recording.fog, recording.wheels) if log is not None and len(log.time_s)]
     return min((float(time_s[0]) for time_s in logs), default=0.0)
 
 
 def with_whole(name: str) -> str:
-    """Names of the recording that is called so, separated by commas: of a part, the whole one's, too."""
+    """Name of a recording; for a part, the names of the whole and of the part, separated by a comma."""
     whole, _, is_part = name.rpartition(PART)
     return f"{whole}, {name}" if is_part and whole else name
 
 
 def cut_off(recording: Recording, e: Evidence) -> str | None:
-    """Sentence on a recording that is longer than what can be looked at; None where it is not."""
+    """Sentence on a recording too long to be analysed completely; else None."""
     ends_s = [float(log.time_s[-1]) for log in (recording.fog, recording.wheels) if log is not None]
     end_s, begin_s = min(ends_s), float(e.edges_s[0])
     if end_s - e.time_s[-1] < CUT_S:
@@ -79,7 +79,7 @@ def cut_off(recording: Recording, e: Evidence) -> str | None:
 
 
 def _longest_s(recording: Recording) -> float:
-    """Duration of the most steps, as `grids` makes them."""
+    """Duration of MOST_STEPS steps of `grids`."""
     if recording.fog is None or len(recording.fog.time_s) < 2:
         return FULL * MOST_STEPS * STEP_S
     typical_s = float(np.median(np.diff(recording.fog.time_s)))
@@ -87,7 +87,7 @@ def _longest_s(recording: Recording) -> float:
 
 
 def _between(log: Any, begin_s: float, end_s: float) -> Any:
-    """The rows of a log in that time; None where there are none."""
+    """The rows of a log within a time interval; None if there are none."""
     if log is None:
         return None
     inside = (log.time_s >= begin_s) & (log.time_s < end_s)

@@ -1,4 +1,4 @@
-"""Counters that stand still while their wheels turn, by the other wheel and the gyro or the reference. (68)"""
+"""Stuck counters, detected from the other wheel and the gyro or the reference. (68)"""
 
 import math
 from collections.abc import Sequence
@@ -17,26 +17,26 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-STANDS_M: Final = 1e-6  # a wheel's travel in a row: less is rounding
-SHORTEST_STOP_ROWS: Final = 3  # of a counter: two alike may be resolution
-LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
-HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
-# Deviations by slip, tread, time and counts: an event must be nearly certain, since no search asks again.
+STANDS_M: Final = 1e-6  # travel of a wheel in a row: less is rounding
+SHORTEST_STOP_ROWS: Final = 3  # of a counter: two equal rows may be resolution
+LONGEST_HOLD_S: Final = 0.75  # a drive that reports speeds may hold them for so long
+HOLDS: Final = 2.0  # hold times for which a drive may report the speed of a wheel that has stopped
+# Deviations due to slip, tread, time and counts: an event must be nearly certain, since no search tests it again.
 STOP_SIGMAS: Final = 8.0
-# The wheels' difference may be off by this share of a turn: 8 sigma are a third, a wheel on the spot makes half of it.
+# Error of the wheels' difference, as a share of a turn: 8 sigma are a third; a wheel turning on the spot travels half.
 TREAD_SHARE: Final = 0.04
-RADIUS_SHARE: Final = 0.003  # of the way, by which the wheels' may differ where radii are as measured
-COUNTS: Final = 4.0  # by which both counters' ends may be off together
-DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
-LAG_S: Final = 0.1  # that wheels and a sparse reference, which does not tell it, may be late against each other
-# Which share of the other wheel's travel must be missing: of a tread that is measured, and of one that is not.
+RADIUS_SHARE: Final = 0.003  # of the distance: difference of the wheels' travel with measured radii
+COUNTS: Final = 4.0  # total error at the ends of both counters
+DELAY_S: Final = 0.05  # error of a lag, or its change in a drive (87)
+LAG_S: Final = 0.1  # lag between wheels and a sparse reference, which does not determine it
+# Share of the other wheel's travel that must be missing, with a measured tread and without.
 MEASURED, BELIEVED = 0.3, 0.5
-LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: what ages, or warms up, is off its sheet
-LIKELY_SHARE: Final = 0.3  # of the other wheel's travel, missing: this much beside a certain stop is part of it
+LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: ageing or warm-up exceeds the data sheet
+LIKELY_SHARE: Final = 0.3  # of the other wheel's travel: if missing next to a certain stop, part of it
 
 
 class Tread(NamedTuple):
-    """Effective tread over robot.yaml's, its deviation, and whether anything has measured it."""
+    """Effective tread over robot.yaml's, its deviation, and whether it was measured."""
 
     ratio: float = 1.0
     sigma: float = 0.0
@@ -47,7 +47,7 @@ BELIEVED_TREAD: Final = Tread()
 
 
 def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread: Tread) -> list[Event]:
-    """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
+    """Find counters that stand still while, by the other wheel and the gyro or reference, their wheel turns."""
     log, events = recording.encoders, []
     of_turn = math.hypot(TREAD_SHARE, tread.sigma / tread.ratio)
     least = _Least(
@@ -70,7 +70,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread:
     for stop, side in found:
         if any(other.nats > stop.nats and _share_a_turn(e, stop, other) for other, _ in found):
             continue
-        # It stopped and went on within a row: what it lost there is not known.
+        # It stopped and resumed within a row, in which the lost travel is unknown.
         inside = (e.time_s > stop.t0 - stop.row_s) & (e.time_s - e.step_s < stop.t1 + stop.row_s)
         (left if side == SIDES[0] else right)[inside] = (stop.fastest_m * 2.0 + 0.01) ** 2
         effect = showing(Symptom.STOPPED)
@@ -82,7 +82,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread:
 
 
 def _share_a_turn(e: Evidence, a: "_Stop", b: "_Stop") -> bool:
-    """Whether one turn between sparse fixes is all that tells of both rests."""
+    """Whether both rests rest on the same turn between sparse fixes."""
     if e.gyro_rad is not None or float(np.median(np.diff(e.fix_time_s))) < LONGEST_FIX_S:
         return False
     (a0, a1), (b0, b1) = (np.searchsorted(e.fix_time_s, (stop.t0, stop.t1)) for stop in (a, b))
@@ -90,7 +90,7 @@ def _share_a_turn(e: Evidence, a: "_Stop", b: "_Stop") -> bool:
 
 
 def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: Tread) -> Recording:
-    """The recording with stopped wheels turning as the other one and gyro, or reference, say: for a calibration."""
+    """Reconstruct stopped wheels from the other one and the gyro, or reference, for a calibration."""
     log, r = recording.encoders, recording.nominal.wheel_radius_m
     travel = [r * np.diff(angle, prepend=0.0) for angle in recording.wheel_angles_rad()]
     for event in events:
@@ -111,8 +111,8 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: 
 
 
 class _Least(NamedTuple):
-    """Tread, m, and least shares that count: of a turn, of the other wheel's travel; least time of a rest, s; and the
-    share of turns between sparse fixes, which a tread that nothing has measured does not tell.
+    """Tread, m; uncertainty as a share of a turn; least missing share of the other wheel's travel; least time of a
+    rest, s; and the uncertainty for turns between sparse fixes, infinite if the tread was not measured.
     """
 
     tread_m: float
@@ -123,8 +123,8 @@ class _Least(NamedTuple):
 
 
 class _Stop(NamedTuple):
-    """A counter's rest, in which its wheel went on: times (s), the travel of the wheel, the evidence; the longest row
-    (s), and the other wheel's longest travel in one.
+    """A rest of a counter while its wheel turned: times (s), travel of the wheel, nats of evidence; the longest row
+    (s), and the other wheel's largest travel in a row.
     """
 
     t0: float
@@ -136,7 +136,7 @@ class _Stop(NamedTuple):
 
 
 class _Missed(NamedTuple):
-    """The longest travel of a wheel at rest by its counter, its deviation, the other wheel's, and the time."""
+    """Largest travel of a wheel while its counter rests, its deviation, the other wheel's travel, time and rows."""
 
     distance_m: float
     sigma_m: float
@@ -146,11 +146,11 @@ class _Missed(NamedTuple):
 
 
 def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int, least: _Least) -> _Stop | None:
-    """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
+    """Test rows `first` to `last` of a counter at rest, where the other one counts; None: the wheel may really rest.
 
-    An interval that is only likely belongs to one that is certain: the counter has not counted between them.
+    Intervals that are only likely stops are joined to a certain one: the counter has not counted in between.
     """
-    certain: list[tuple[float, float]] = []  # distances and nats
+    certain: list[tuple[float, float]] = []  # distance and nats
     spans: list[tuple[float, float]] = []
     for begin, end in ((first + i, first + j) for i, j in runs(its[first:last] != 0.0)):
         edges_s = log.time_s[begin : end + 1]
@@ -172,18 +172,18 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
 
 
 def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least) -> _Missed | None:
-    """A wheel's travel by the other one's, `its` (n,), and the heading at its edges (n + 1,); None: nothing tells."""
+    """A wheel's travel from the other one's, `its` (n,), and the heading at the edges (n + 1,); None if unknown."""
     told = _headings(e, edges_s, least.tread_m, least.of_other_turns)
     if told is None:
         return None
     other, headings = np.concatenate([[0.0], np.cumsum(its)]), told.heading_rad
     distance = other + sign * least.tread_m * headings[1]
-    # A wheel that goes ahead and back may end where it began: its longest distance counts.
+    # A wheel that goes ahead and back may end where it began: use its largest distance.
     a, b = sorted((int(distance.argmin()), int(distance.argmax())))
     early, turn, late = (headings[:, b] - headings[:, a]).tolist()
     other_m = abs(float(other[b] - other[a]))
     gone_m, seconds = abs(float(distance[b] - distance[a])), float(edges_s[b] - edges_s[a])
-    # A turn about the standing wheel leaves it where it is, up to slip, a wrong tread, time and heading.
+    # A turn about a wheel at rest does not move it, up to slip and errors of tread, time and heading.
     sigmas = (
         e.datasheet.slip_m_per_sqrt_m * math.sqrt(other_m),
         least.of_turn * least.tread_m * turn,
@@ -195,8 +195,8 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
 
 
 class _Headings(NamedTuple):
-    """Heading DELAY_S early, at times of the wheels (n,), and as late, (3, n); the deviation of its changes, and what
-    that grows by in time.
+    """Heading at the wheels' times (n,) less DELAY_S, at these, and plus DELAY_S, (3, n); the deviation of its changes,
+    and the growth of that in time.
     """
 
     heading_rad: Array
@@ -205,9 +205,9 @@ class _Headings(NamedTuple):
 
 
 def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _Headings | None:
-    """Heading by the gyro, else by the reference, at times in which a counter rests (n,). None where neither tells.
+    """Heading from the gyro, else from the reference, at times (n,) of a counter's rest. None if neither covers them.
 
-    `tread_m`, `of_turn`: what the wheels turn by, and the share of a turn that they may be off by.
+    `tread_m`, `of_turn`: tread for the wheels' turns, and its uncertainty as a share of a turn.
     """
     time_s = time_s - e.robot.wheels_lag_s - (e.robot.lag_growth + 1.0 - e.robot.gyro_clock) * time_s
     times_s = time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]])
@@ -220,7 +220,7 @@ def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _He
         return None
     if np.diff(at[first : last + 1]).max() < LONGEST_FIX_S:
         return _Headings(np.interp(times_s, at, e.fix[:, 2]), sigma)
-    # Between sparse fixes the wheels tell the turns but that of the rest: it is what they leave of the whole.
+    # Between sparse fixes the turn of the rest is the whole turn less the wheels' turns before and after.
     wheels = np.concatenate([[0.0], np.cumsum(e.apart_m)]) / tread_m
     edges_s = np.array([at[first], time_s[0], time_s[-1], at[last]])
     before, _, after = np.diff(np.interp(edges_s, e.edges_s, wheels))
