@@ -1,1 +1,1 @@
-"""The next drive: which manoeuvre settles the open questions, by simulation."""
+"""The next drive: find by simulation which manoeuvres settle the open questions."""

@@ -1,4 +1,4 @@
-"""Laps of each manoeuvre, simulated once without noise: what they tell adds up over the laps of a drive. (92)"""
+"""Laps of each manoeuvre, simulated once without noise: their information adds up over the laps of a drive. (92)"""
 
 import itertools
 import math
@@ -23,16 +23,16 @@ from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 
-LONGEST_S: Final = 360.0  # of a drive that somebody will make, beside its standstill
+LONGEST_S: Final = 360.0  # of a drive that somebody will make, besides its standstill
 MOST_PARTS: Final = 3  # manoeuvres in a drive that somebody will remember
-SHARES_OF_ENDS: Final = (1 / 3, 2 / 3, 1.0)  # of the longest; each needs a drive of its own, since the last fix moves
-LONGEST_STAND_S: Final = 30.0  # of a standstill at its start: the recording's own, at most so long
-# Finer rates tell no more of what is slower; noise is scaled so that the information in a second stays.
+SHARES_OF_ENDS: Final = (1 / 3, 2 / 3, 1.0)  # of the longest; each is simulated separately, since the last fix moves
+LONGEST_STAND_S: Final = 30.0  # of the standstill at the start, otherwise as in the recording
+# Higher rates add no information on slower effects; noise is scaled to keep the information per second.
 FIX_S: Final = 0.5
 GYRO_HZ: Final = 10.0
-SLOW_GYRO_HZ: Final = 2.0  # where all that is asked for is slow
+SLOW_GYRO_HZ: Final = 2.0  # if all effects in question are slow
 SLOW: Final = ("temperature", "temperature_rate", "time")  # covariates that no manoeuvre changes
-RAREST_FIX_S: Final = 60.0  # a reference that is rarer is taken for one at the ends
+RAREST_FIX_S: Final = 60.0  # a sparser reference is treated as one at the ends only
 
 
 class Laps:
@@ -50,7 +50,7 @@ class Laps:
         self._noise, self._reference = _thinned(found.problem.noise, kind_of_reference(e))
         self._recorded = found.problem
         is_of_ends = self._reference.period_s is None and bool(len(e.fix))
-        # What depends on the time, or lasts from one fix to the next, does not add up.
+        # Effects that depend on the time, or drives with fixes only at the ends, do not add up.
         self.add_up = not is_of_ends and not any(_is_timed(c) for c in asked)
         self.layout = Layout(range(0), {})
         self.parts: list[Part] = []
@@ -72,7 +72,7 @@ class Laps:
         return self._robot.standstill_at_start_s
 
     def drives(self) -> Iterator[tuple[Part, ...]]:
-        """Each manoeuvre alone, and, where they add up, some of them one after the other; up to LONGEST_S."""
+        """Each manoeuvre alone, and, if they add up, sequences of several, up to LONGEST_S."""
         names = list(dict.fromkeys(part.manoeuvre for part in self.parts))
         for count in range(1, MOST_PARTS + 1 if self.add_up else 2):
             for chosen in itertools.combinations(names, count):
@@ -81,7 +81,7 @@ class Laps:
                         yield parts
 
     def _of_laps(self, part: Part) -> list[Array]:
-        """Products after each lap of a manoeuvre, without those of the standstill, which are kept."""
+        """Products after each lap of a manoeuvre; those of the standstill are stored separately."""
         recorded = self._recorded
         knows_temperature = bool(np.isfinite(recorded.evidence.temperature_c).any())
         has_wheels = recorded.evidence.has_wheels
@@ -110,7 +110,7 @@ def driven(
 
 
 def kind_of_reference(e: Evidence) -> Reference:
-    """The kind of reference that a recording has."""
+    """The recording's kind of reference."""
     if not len(e.fix):
         return Reference(is_there=False)
     period_s = round(float(np.median(np.diff(e.fix_time_s))), 2) if len(e.fix) > 2 else math.inf
@@ -118,18 +118,18 @@ def kind_of_reference(e: Evidence) -> Reference:
 
 
 def _robot(e: Evidence, nominal: Robot, rate_hz: float) -> Robot:
-    """The robot that is simulated: one with the recording's sensors, at rates that suffice."""
+    """The simulated robot: with the recording's sensors, at sufficient rates."""
     rate_hz = min(nominal.gyro_rate_hz or GYRO_HZ, rate_hz)
     nominal = replace(nominal, standstill_at_start_s=min(nominal.standstill_at_start_s, LONGEST_STAND_S))
     nominal = nominal.without_gyro() if e.gyro_rad is None else replace(nominal, gyro_rate_hz=rate_hz)
     if e.has_wheels:
         return nominal
-    radius_m, counts = DEFAULT.wheel_radius_m, DEFAULT.counts_per_revolution  # those of some robot
+    radius_m, counts = DEFAULT.wheel_radius_m, DEFAULT.counts_per_revolution  # arbitrary
     return replace(nominal, wheel_radius_m=radius_m, counts_per_revolution=counts, tread_m=DEFAULT.tread_m)
 
 
 def _thinned(noise: Noise, reference: Reference) -> tuple[Noise, Reference]:
-    """Fixes no denser than FIX_S, as much the better."""
+    """Thin out fixes to FIX_S, with correspondingly less noise."""
     if reference.period_s is None or reference.period_s >= FIX_S:
         return noise, reference
     share = math.sqrt(FIX_S / reference.period_s)
@@ -138,13 +138,13 @@ def _thinned(noise: Noise, reference: Reference) -> tuple[Noise, Reference]:
 
 
 def _is_slow(cause: Named) -> bool:
-    """Whether it is an error of the gyro that no manoeuvre changes."""
+    """Whether it is an error of the gyro whose covariate no manoeuvre changes."""
     acts_on = cause.effect.channel if isinstance(cause, Selected) else CHANNELS[cause.channel].acts_on
     return acts_on == "gyro" and _covariate(cause) in SLOW
 
 
 def _is_timed(cause: Named) -> bool:
-    """Whether what it does depends on when in a drive a manoeuvre comes."""
+    """Whether its effect depends on the time of a manoeuvre within the drive."""
     return _covariate(cause) in SLOW or (isinstance(cause, Selected) and cause.begin_s is not None)
 
 

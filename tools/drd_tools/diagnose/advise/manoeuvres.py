@@ -1,4 +1,4 @@
-"""Manoeuvres that tell effects apart, as they are advised and simulated, and drives made of them."""
+"""Manoeuvres that distinguish effects, as advised and simulated, and drives composed of them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,15 +14,15 @@ from drd_tools.simulate.missions import MISSIONS, Drive
 from drd_tools.simulate.route import Route
 from drd_tools.simulate.truth import Truth, make_truth
 
-# From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
+# The gyro warms up from power-on; in some drives it is cooled for two minutes.
 WARM_UP_C, WARM_UP_S = 10.0, 900.0
 COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
-ROOM_C: Final = 20.0  # degC, where an indoor drive begins
+ROOM_C: Final = 20.0  # degC, at the start of an indoor drive
 STOP_S: Final = 1.0  # between two parts
 
 
 class Manoeuvre(NamedTuple):
-    """A lap, by its number from 0: every other one is mirrored. `cold`: the gyro gets cold and warm again."""
+    """A lap, by its number from 0: every other one is mirrored. `cold`: the gyro is cooled and warms up again."""
 
     lap: Callable[[Route, int], object]
     cold: bool = False
@@ -90,7 +90,7 @@ def drive(parts: Sequence[Part], stand_s: float) -> Truth:
 
 @cache
 def lap_s(name: str) -> float:
-    """Mean duration of a lap, of a pair of mirrored ones."""
+    """Mean duration of a lap over a pair of mirrored ones."""
     return drive([Part(name, 2)], 0.0).duration_s / 2.0
 
 

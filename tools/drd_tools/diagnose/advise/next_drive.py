@@ -1,7 +1,7 @@
 """The next drive: manoeuvres, one after the other, that settle the open questions in the shortest time.
 
-Each question is "is it A or B": with A as found in a drive, and as found B, by how much would the drive favour the true
-one? All drives that can be made of a few manoeuvres are compared. (92)
+Each question is "is it A or B": with A and B as found, by how much would a drive favour the true one? All drives
+composed of a few manoeuvres are compared. (92)
 """
 
 import math
@@ -23,13 +23,13 @@ from drd_tools.diagnose.results import NOTHING, Alternative, NextDrive, Segment,
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.selected import Selected
 
-ENOUGH: Final = 0.9  # probability with which a drive is to settle a question
-WORTH: Final = 0.05  # probability for which, where it is not enough, a drive may be a minute longer
-HOPELESS: Final = 0.005  # a smaller one is none
+ENOUGH: Final = 0.9  # required probability of settling a question
+WORTH: Final = 0.05  # gain in insufficient probability for which a drive may be a minute longer
+HOPELESS: Final = 0.005  # a smaller one counts as none
 
 
 class Question(NamedTuple):
-    """Whether a finding is there, or the rival; None: nothing."""
+    """Whether the finding is true or its rival; None: nothing."""
 
     finding: Cause
     rival: Selected | None
@@ -48,14 +48,14 @@ class Question(NamedTuple):
 
     @property
     def shares(self) -> tuple[float, float]:
-        """Posterior probabilities of both names, one together; even where neither is known."""
+        """Posterior probabilities of both names, normalised to 1; equal if both are unknown."""
         a, b = (self.finding.probabilities.get(name, 0.0) for name in self.names)
         return (a / (a + b), b / (a + b)) if a + b > 0.0 else (0.5, 0.5)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A drive, and for each question the probability that it settles it, and the nats that it brings."""
+    """A drive, with its probability of settling each question and the expected nats."""
 
     parts: tuple[Part, ...]
     seconds: float
@@ -64,32 +64,32 @@ class Plan:
 
     @property
     def settles(self) -> int:
-        """Number of questions that it settles with enough probability."""
+        """Number of questions that it settles with sufficient probability."""
         return sum(p >= ENOUGH for p in self.probabilities)
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """Key of the order: questions settled, then less time, if the others do not lose by it; larger is better."""
+        """Sort key: questions settled, then the others' probability, traded against time; larger is better."""
         return (self.settles, sum(min(p, ENOUGH) for p in self.probabilities) - WORTH * self.seconds / 60.0)
 
     @property
     def probability(self) -> float:
-        """Probability of settling all questions that it settles; all that there are, where it settles none."""
+        """Probability of settling all questions that count as settled; if none does, of all questions."""
         return math.prod([p for p in self.probabilities if p >= ENOUGH] or self.probabilities)
 
     @property
     def least_nats(self) -> float:
-        """Least nats of a question that it settles; the most of any where it settles none."""
+        """Least nats of the settled questions; if none is settled, the most of any."""
         settled = [n for n, p in zip(self.nats, self.probabilities, strict=True) if p >= ENOUGH]
         return round(max(0.0, min(settled) if settled else max(self.nats)), 1)
 
 
 def next_drive(conclusion: Conclusion, nominal: Robot) -> NextDrive | None:
-    """The drive that settles the open questions of a diagnosis; None where none is open that a drive could settle.
+    """The drive that settles the open questions of a diagnosis; None if a drive could settle none.
 
-    Open are findings that something else also fits, and suspected ones (against nothing). `nats` is the least of the
-    pairs that it settles (where it settles none: the most that it brings); the alternatives are the best drives of one
-    manoeuvre each, best first. Deterministic.
+    Open questions are findings with alternatives that also fit, and suspected ones (against nothing). `nats` is the
+    least of the pairs that it settles (if it settles none, the most of any); the alternatives are the best drives of
+    one manoeuvre each, best first. Deterministic.
     """
     questions = open_questions(conclusion.causes)
     if not questions:
@@ -128,7 +128,7 @@ def _alternatives(best: Plan, others: Sequence[Plan]) -> list[Alternative]:
 
 
 def open_questions(findings: Sequence[Cause]) -> list[Question]:
-    """Pairs of a finding and an effect that may be there instead."""
+    """Pairs of a finding and an effect that may be true in its place."""
     questions: list[Question] = []
     for finding in findings:
         if finding.selected is not None and not finding.selected.effect.recurs:
@@ -139,7 +139,7 @@ def open_questions(findings: Sequence[Cause]) -> list[Question]:
 
 
 def plans_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> list[Plan]:
-    """All drives that are considered, with what each brings for each question."""
+    """All candidate drives, with their probability and nats for each question."""
     laps = Laps(found, nominal, [named for q in questions for named in (q.found, q.rival) if named is not None])
     drives = list(laps.drives())
     has_part = np.array([[part in parts for part in laps.parts] for parts in drives], float)
@@ -147,7 +147,7 @@ def plans_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> li
     products = np.tensordot(has_part, laps.products, axes=1) + laps.standing
     probabilities, nats = np.zeros((2, len(questions), len(drives)))
     for k, q in enumerate(questions):
-        # What is reported of a finding, or of its rivals, is no longer the object that was fitted.
+        # By name: a reported finding, or rival, is no longer the fitted object.
         beside = [c for c in laps.others if c.id not in (q.finding.effect, *q.finding.also_fits)]
         for share, (true, rival, price) in zip(q.shares, _ways(found, q), strict=True):
             mean, variance = expected_ratio(products, laps.layout, true, rival, beside)
@@ -158,10 +158,10 @@ def plans_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> li
 
 
 def _ways(found: Found, q: Question) -> list[tuple[Named, Named | None, float]]:
-    """What may be true and what is then to be told from it, and the nats that the true one's penalty is larger by."""
+    """Each possible truth, its rival, and the excess of the truth's penalty over the rival's, nats."""
     problem, selected = found.problem, q.finding.selected
     mine = problem.per_parameter + problem.per_effect if selected is None else problem.penalty([selected])
-    if q.rival is None:  # nothing has no parameters that could be fitted: it is as far from the finding as that from it
+    if q.rival is None:  # "nothing" has no parameters to fit: the distance is the same both ways
         return [(q.found, None, mine), (q.found, None, 0.0)]
     excess = mine - problem.penalty([q.rival])
     return [(q.found, q.rival, max(excess, 0.0)), (q.rival, q.found, max(-excess, 0.0))]

@@ -1,4 +1,4 @@
-"""Distance between what two causes would do to a drive, from products that add up over the drive's parts. (92)"""
+"""Distance between the signals of two causes in a drive, from products that add up over the drive's parts. (92)"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,19 +15,19 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
 from drd_tools.diagnose.selected import Selected
 
-SETTLED_NATS: Final = 5.0  # more than search.CLASS_NATS: the two are then no longer one class
-MOST_OCCAM: Final = 2.0  # times d^2 the mean may be: the determinants alone, without data, settle nothing
-ROUNDS: Final = 3  # in which a rival's other shapes get the size that it has beside them: the next changes little
-AS_GOOD_AS_FREE: Final = 1e-9  # prior information on a parameter that is to be fitted, over the data's
-UNSEEN_SHARE: Final = 1e-24  # of a cause's square: a shape that a manoeuvre shows by less is rounding
-# The ground of an interval of time is driven over again.
+SETTLED_NATS: Final = 5.0  # more than search.CLASS_NATS: the two then no longer form a class
+MOST_OCCAM: Final = 2.0  # largest mean, times d^2: determinants alone, without data, settle nothing
+ROUNDS: Final = 3  # to match the size of a rival's other shapes to its own: further rounds change little
+AS_GOOD_AS_FREE: Final = 1e-9  # prior information on a fitted parameter, over the data's
+UNSEEN_SHARE: Final = 1e-24  # of a cause's square: less of a shape is rounding error
+# When the ground of an interval effect is driven over again.
 INTERVAL_FROM_S, INTERVAL_S = 45.0, 60.0
 
-Named = Selected | Curve  # what may be there
+Named = Selected | Curve  # possible causes
 
 
 class Place(NamedTuple):
-    """Columns of a cause: its own effect, derivatives with respect to its parameters, other shapes of it."""
+    """Columns of a cause: its signal, the derivatives with respect to its parameters, and its other shapes."""
 
     own: int
     tangents: range
@@ -36,7 +36,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns in the products: the nuisances first, then each cause's, by its identity."""
+    """Layout of the columns: the nuisances first, then those of each cause, by its identity."""
 
     nuisances: range
     places: Mapping[int, Place]
@@ -61,7 +61,7 @@ def columns_of(problem: Problem, causes: Sequence[Named]) -> tuple[Array, Layout
 
 def _columns(problem: Problem, cause: Named) -> tuple[Array, Array, Array]:
     if isinstance(cause, Curve):
-        # Of what was found, the size may be another: that a curve can be anything, it pays for elsewhere.
+        # Only the size of the curve is free: the cost of its freedom is charged elsewhere.
         rows = problem.whiten([_curve_sensitivity(problem, cause)])
         return rows[:, 0], rows, rows[:, :0]
     others = as_columns(problem.units(problem.wanted_shapes(cause)), len(problem.data))
@@ -69,7 +69,7 @@ def _columns(problem: Problem, cause: Named) -> tuple[Array, Array, Array]:
 
 
 def _again(selected: Selected) -> Selected:
-    """Shift an interval of time to where the drive passes its ground again; all else acts throughout."""
+    """Shift an interval effect to the time when the drive passes its ground again; other effects are permanent."""
     if selected.begin_s is None:
         return selected
     times = {START.name: INTERVAL_FROM_S}
@@ -79,7 +79,7 @@ def _again(selected: Selected) -> Selected:
 
 
 def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
-    """Sensitivity of a curve without a name; beyond its ends it stays as it is there."""
+    """Sensitivity to an unnamed curve, constant beyond its ends."""
     m, known = problem.sensitivities.motion, covariates(problem)
     if curve.covariate not in known:
         return Sensitivity()
@@ -93,10 +93,10 @@ def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
 def expected_ratio(
     products: Array, layout: Layout, true: Named, rival: Named | None, beside: Sequence[Selected]
 ) -> tuple[Array, Array]:
-    """Mean and variance of the log likelihood ratio of a cause that is there to its rival, in n drives, (n,) each.
+    """Mean and variance of the log likelihood ratio of the true cause to its rival, in n drives, (n,) each.
 
-    `products` (n, p, p): those of the drives' columns. The rival's parameters are free, and those of the effects
-    `beside`; of each there are other shapes too. None in place of the rival: nothing.
+    `products` (n, p, p): of the drives' columns. The parameters of the rival and of the effects `beside` are free, and
+    each has its other shapes. If the rival is None, it is "nothing".
     """
     found = layout.places[id(true)]
     other = None if rival is None else layout.places[id(rival)]
@@ -109,7 +109,7 @@ def expected_ratio(
 def _squared_distance(
     products: Array, layout: Layout, true: Place, rival: Place | None, beside: Sequence[Place]
 ) -> tuple[Array, Array]:
-    """Squared distance (n,) between a cause and the nearest that its rival can do, and the size of that, squared."""
+    """Squared distance (n,) between a cause and its rival's best fit to it, and the squared size of that fit."""
     others = [*beside, rival] if rival is not None else list(beside)
     free = [i for place in others for i in place.tangents]
     held = [*layout.nuisances, *free, *(i for place in others for i in place.shapes)]
@@ -124,7 +124,7 @@ def _squared_distance(
         square = square - 2.0 * products[:, true.own, rival.own] + size[:, rival.own]
     explained = np.zeros(len(products))
     for _ in range(ROUNDS if rival is not None else 1):
-        # Of unit length with what the priors add: the solution is then well scaled.
+        # Scaled to unit length, including the priors, to be well conditioned.
         length = np.sqrt(scale**2 * size[:, held] + prior)
         unit = scale / length
         A = products[:, held][:, :, held] * unit[:, :, None] * unit[:, None]
@@ -140,21 +140,21 @@ def _squared_distance(
 
 
 def _moved_size(products: Array, place: Place, moves: Array) -> Array:
-    """Size of a cause, squared, once its parameters have moved by (n, k)."""
+    """Squared size of a cause after its parameters have moved by (n, k)."""
     columns = [place.own, *place.tangents]
     x = np.concatenate([np.ones((len(moves), 1)), moves], axis=1)
     return np.asarray(np.maximum(np.einsum("ni,nij,nj->n", x, products[:, columns][:, :, columns], x), 0.0), float)
 
 
 def _shape_scale(products: Array, place: Place, size: Array) -> Array:
-    """Factors (n, s) with which a cause's other shapes are as large as they may be, of its size, squared. (75)"""
+    """Factors (n, s) that scale a cause's other shapes to their size in (75), from the cause's squared size."""
     own, size = products[:, place.shapes, place.shapes], size[:, None]
     ratio = np.divide(size, own, out=np.zeros(own.shape), where=own > UNSEEN_SHARE * size)
     return np.asarray(DISCREPANCY_SHARE * np.sqrt(ratio), float)
 
 
 def _traded(products: Array, place: Place) -> Array:
-    """What a cause's parameters (n, k, s) can make of its other shapes."""
+    """Projection coefficients (n, k, s) of a cause's other shapes on its tangents."""
     tangents, shapes = list(place.tangents), list(place.shapes)
     T = products[:, tangents][:, :, tangents]
     least = AS_GOOD_AS_FREE * np.einsum("nii->n", T) + 1e-300
@@ -164,7 +164,7 @@ def _traded(products: Array, place: Place) -> Array:
 
 
 def _occam(products: Array, layout: Layout, place: Place | None, size: Array) -> Array:
-    """Half the log determinant (n,) of nuisances and other shapes, these less what the parameters can make. (74)"""
+    """Half the log determinant (n,) of nuisances and other shapes, these projected off the parameters. (74)"""
     nuisances = list(layout.nuisances)
     soft = products[:, nuisances][:, :, nuisances]
     if place is not None and len(place.shapes):
@@ -181,5 +181,5 @@ def _occam(products: Array, layout: Layout, place: Place | None, size: Array) ->
 
 
 def settling_probability(mean: Array, variance: Array) -> Array:
-    """Probability that a log likelihood ratio of such mean and variance passes SETTLED_NATS. (92)"""
+    """Probability that a log likelihood ratio of this mean and variance exceeds SETTLED_NATS. (92)"""
     return np.asarray(ndtr((mean - SETTLED_NATS) / np.sqrt(np.maximum(variance, 1e-30))), float)
