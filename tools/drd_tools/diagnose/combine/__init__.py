@@ -1,1 +1,1 @@
-"""Estimates of several recordings of one robot, combined, and effects that only their joint regression shows."""
+"""Combined estimates from several recordings of one robot, and effects that only their joint regression shows."""

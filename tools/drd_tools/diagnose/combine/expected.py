@@ -1,4 +1,4 @@
-"""Effects that a recording does not show by itself, but is expected to: others of the robot have them. (89)"""
+"""Effects that a recording does not show alone, but that other recordings of the robot lead to expect. (89)"""
 
 import math
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import NOTHING, Finding, Result, Status, Support
 from drd_tools.diagnose.selected import Selected
 
-FEWEST: Final = 2  # other recordings that show an effect: one alone may be the one that is wrong
+FEWEST: Final = 2  # other recordings that show an effect: a single one may be wrong
 
 
 class Expected(NamedTuple):
-    """An effect with the prior that other recordings give, of how many of them, and the Bayes factor for it."""
+    """An effect with the prior from other recordings, the number of these, its Bayes factor and posterior odds."""
 
     selected: Selected
     others: int
@@ -29,12 +29,12 @@ class Expected(NamedTuple):
 
 
 def expected(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> list[tuple[Expected, ...]]:
-    """For each recording the effects that it has not found, but that others and its own data speak for by 20 to 1."""
+    """For each recording, the effects not found in it that others and its own data support by odds of 20 to 1."""
     return [_of_one(i, results, statistics) for i in range(len(results))]
 
 
 def borne_out(conclusion: Conclusion, expected: Sequence[Expected]) -> Conclusion:
-    """The conclusion, its expected effects judged by their odds instead of by what this recording shows alone."""
+    """Judge a conclusion's expected effects by their odds, instead of by this recording alone."""
     by_name = {one.selected.id: one for one in expected}
     causes = [_supported(c, by_name[c.effect]) if c.effect in by_name else c for c in conclusion.causes]
     return replace(conclusion, causes=causes)
@@ -50,7 +50,7 @@ def _supported(cause: Cause, expected: Expected) -> Cause:
         cause,
         status=Status.SUPPORTED,
         rivals=(),
-        # A Bayes factor with others' prior is an e-value, and its inverse a p-value.
+        # A Bayes factor with a prior from other data is an e-value, and its inverse a p-value.
         support=Support(
             cause.gain_nats,
             min(1.0, 1.0 / expected.bayes_factor),
@@ -76,9 +76,9 @@ def _of_one(i: int, results: Sequence[Result], statistics: Sequence[SufficientSt
 def _judged(
     effect: str, others: Sequence[Result], statistics: Sequence[SufficientStatistics], own: SufficientStatistics
 ) -> Expected | None:
-    """An effect's odds in a recording of `own` statistics; None where too few of the others show it.
+    """Odds of an effect in a recording with its `own` statistics; None if too few of the others show it.
 
-    Those whose data speak against it are without it; the others' `statistics` tell.
+    Others count as being without it if their `statistics` contradict it.
     """
     findings = [f for r in others for f in r.findings if f.effect == effect and f.status is not Status.SUSPECTED]
     if len(findings) < FEWEST or not all(a.std > 0.0 for f in findings for a in f.parameters.values()):

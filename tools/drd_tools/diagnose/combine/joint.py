@@ -1,6 +1,6 @@
 """Effects that several recordings of one robot show together, though few or none shows them alone.
 
-Sums of their sufficient statistics are those of one regression over all recordings, with the parameters in common. (89)
+The sums of their sufficient statistics are those of one regression over all recordings with common parameters. (89)
 """
 
 import math
@@ -22,20 +22,20 @@ from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected
 
-MOST: Final = 4  # effects that only all recordings show: limits a greedy search
+MOST: Final = 4  # effects found only in all recordings together: limits a greedy search
 
 
 class Common(NamedTuple):
-    """Findings of what all recordings have in common, and which effects each of them has of its own beside those."""
+    """Findings common to all recordings, and the effects specific to each of them."""
 
     findings: list[Finding]
     own: list[frozenset[str]]
 
 
 def together(statistics: Sequence[SufficientStatistics], selected: Collection[str]) -> Common:
-    """Find what all have in common besides effects `selected`, which each recording that shows them has by itself.
+    """Find effects common to all besides those `selected`, which are specific to each recording that shows them.
 
-    So has a recording what it has clearly more of than all, or of another value.
+    An effect is also specific to a recording if it is clearly stronger there, or has another value.
     """
     own = [s.own.intersection(selected) for s in statistics]
     while True:
@@ -45,7 +45,7 @@ def together(statistics: Sequence[SufficientStatistics], selected: Collection[st
         for effect in refused:
             for i in _furthest(parts, effect):
                 more[i].add(effect)
-        # Where one alone hides what the others have in common, that comes first.
+        # A single recording that hides an effect common to the others comes first.
         more = more if any(more) else [_unlike(s, found) for s in parts]
         if not any(more):
             return Common(found, own)
@@ -53,7 +53,7 @@ def together(statistics: Sequence[SufficientStatistics], selected: Collection[st
 
 
 def _unlike(one: SufficientStatistics, found: Sequence[Finding]) -> set[str]:
-    """Effects of a recording's own that it has otherwise than all: as one more name they gain more than they cost."""
+    """A recording's own effects that differ from the common ones: as additional names they are worth their cost."""
     units = {(f.effect, q.name): q.si for f in found for q in catalogue()[f.effect].parameters}
     values = {(f.effect, name): a.value * units[f.effect, name] for f in found for name, a in f.parameters.items()}
     kept = [i for i, n in enumerate(one.names) if n in values or n[0] in one.own]
@@ -68,8 +68,8 @@ def _unlike(one: SufficientStatistics, found: Sequence[Finding]) -> set[str]:
 
 
 def _furthest(statistics: Sequence[SufficientStatistics], effect: str) -> list[int]:
-    """Index of the recording, among those that have selected an effect, whose value is furthest from that of all; of
-    each of them where none is clearly apart.
+    """Index of the recording, among those that have selected an effect, whose value is furthest from the common one;
+    all of these if none is clearly apart.
     """
     holders = [i for i, s in enumerate(statistics) if effect in s.own]
     if not holders:
@@ -92,7 +92,7 @@ def _cost(parameters: int, rows: int) -> float:
 
 
 def _common(statistics: Sequence[SufficientStatistics], selected: Collection[str]) -> tuple[list[Finding], set[str]]:
-    """Findings of effects besides those `selected`, and the names of which one value for all is refused."""
+    """Findings of effects besides those `selected`, and the names whose common value is rejected."""
     every, alike = dict.fromkeys(n for s in statistics for n in s.names), {e.id for e in shared()}.difference(selected)
     names = [n for n in every if n[0] in alike and sum(n in s.names for s in statistics) > 0.5 * len(statistics)]
     parts = [s.part(names) for s in statistics]
@@ -107,7 +107,7 @@ def _common(statistics: Sequence[SufficientStatistics], selected: Collection[str
             refused.add(best)
         else:
             chosen[best] = also
-    # Each beside all others, as the model has them.
+    # Estimate each beside all others, as in the model.
     beside = {name: [other for other in chosen if other != name] for name in chosen}
     found = (_finding(statistics, parts, names, beside[name], name, also) for name, also in chosen.items())
     return [finding for finding in found if finding is not None], refused
@@ -139,7 +139,7 @@ def _gain(parts: Sequence[Part], index: list[int]) -> float:
 
 
 def _ranked(parts: Sequence[Part], names: Sequence[Name], chosen: Sequence[str], rows: int) -> list[tuple[float, str]]:
-    """Score of each effect beside those chosen, nats; best first. Those that gain next to nothing are left out."""
+    """Score of each effect beside those chosen, nats; best first. Negligible gains are left out."""
     before = _gain(parts, columns_of(names, chosen))
     found = []
     for effect in dict.fromkeys(e for e, _ in names if e not in chosen):
@@ -158,7 +158,7 @@ def _finding(
     best: str,
     also: Sequence[str],
 ) -> Finding | None:
-    """Finding of one effect; None where its gain over the recordings' scatter is too small, or its value absurd."""
+    """Finding of one effect; None if its gain over the recordings' scatter is too small, or its value implausible."""
     effect, index, own = catalogue()[best], columns_of(names, [*chosen, best]), columns_of(names, [best])
     G, b = _sum(parts)
     x, scatter = _solved(G, b, index), _scatter(parts, index)
@@ -187,7 +187,7 @@ def _finding(
 
 
 def _alike(best: str, also: Sequence[str], e: float) -> dict[str, float]:
-    """Probabilities where nothing tells names from one another, and data unseen tell all from nothing by odds of e."""
+    """Probabilities of indistinguishable names, with odds e from unseen data that it is any of them."""
     nothing = 1.0 / (1.0 + e)
     return {**dict.fromkeys([best, *also], (1.0 - nothing) / (1 + len(also))), NOTHING: nothing}
 
@@ -200,7 +200,7 @@ def _scatter(parts: Sequence[Part], index: list[int]) -> float:
 
 
 def _unseen(parts: Sequence[Part], index: list[int], own: list[int], half: int) -> float:
-    """Log likelihood ratio on every other recording, the parameters being those of the rest."""
+    """Log likelihood ratio on every other recording, with the parameters of the rest."""
     train, test = parts[half::2], parts[1 - half :: 2]
     G, b = _sum(train)
     x = _solved(G, b, index)

@@ -1,4 +1,4 @@
-"""Means of values that several recordings give of one parameter. (89)"""
+"""Means of one parameter's values from several recordings. (89)"""
 
 import math
 from collections.abc import Sequence
@@ -6,17 +6,17 @@ from typing import Final
 
 from drd_tools.diagnose.results import Amount
 
-# Values of one parameter further apart than this, in sigmas of their difference, are not one value.
+# Values of one parameter contradict each other beyond this many sigmas of their difference.
 APART_SIGMAS: Final = 4.0
 
 
 def sigmas(a: Amount, b: Amount) -> float:
-    """How far two values are apart, in deviations of their difference."""
+    """Distance between two values, in sigmas of their difference."""
     return abs(a.value - b.value) / math.hypot(a.std, b.std)
 
 
 def weighted(amounts: Sequence[Amount], beyond: float = 0.0) -> tuple[float, float]:
-    """Mean with the inverse of the variances, that of the values' own scatter included, and its standard deviation."""
+    """Mean weighted by the inverse variances, each plus `beyond`, and its standard deviation."""
     weights = [1.0 / (a.std**2 + beyond) for a in amounts]
     return sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights), sum(weights) ** -0.5
 
@@ -32,12 +32,12 @@ def scatter(amounts: Sequence[Amount]) -> float:
 
 
 def mean_of(amounts: Sequence[Amount]) -> Amount:
-    """Mean of values that scatter from recording to recording."""
+    """Random-effects mean of values that scatter from recording to recording."""
     return Amount(*weighted(amounts, scatter(amounts)), amounts[0].unit)
 
 
 def contradict(amounts: Sequence[Amount]) -> bool:
-    """Whether values with standard deviations are not one value."""
+    """Whether values contradict each other, given their standard deviations."""
     if any(not a.std > 0.0 for a in amounts):
         return False
     mean, std = weighted(amounts)

@@ -1,4 +1,4 @@
-"""Results of several recordings, each diagnosed by itself, combined into one."""
+"""Combine the results of several recordings, each diagnosed separately, into one."""
 
 import math
 from collections import Counter
@@ -39,15 +39,15 @@ LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 
 class _Said(NamedTuple):
-    """A finding, and the recording of which it is said."""
+    """A finding, and the recording in which it was found."""
 
     recording: str
     finding: Finding
 
 
 def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> Result:
-    """Combine several results. A lasting effect's parameters are means over recordings, which scatter; those of effects
-    of one run stay as they are. What only all together show comes to it (`joint`).
+    """Combine several results. Parameters of lasting effects are random-effects means over recordings; those of effects
+    of one run stay unchanged. Effects that only all recordings together show are added (`joint`).
     """
     of_all = together(statistics, _of_most(results))
     common = [_with_share(f, results) for f in of_all.findings]
@@ -82,7 +82,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
 
 
 def _reference_of_all(results: Sequence[Result]) -> dict[str, Amount]:
-    """Faults of the reference that most recordings show: their means, which scatter; how often it jumps, in all."""
+    """Errors of the reference that most recordings show: their random-effects means; the total number of jumps."""
     said: dict[str, list[Amount]] = {}
     for result in results:
         for name, fault in (result.reference or {}).items():
@@ -106,13 +106,13 @@ def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
 
 
 def _of_most(results: Sequence[Result]) -> set[str]:
-    """Lasting effects that most recordings have by themselves: their values may differ from drive to drive."""
+    """Lasting effects that most recordings show alone: their values may differ from drive to drive."""
     count = Counter(name for r in results for name in names_of(r.findings) if name in catalogue())
     return {name for name, n in count.items() if n > 0.5 * len(results) and catalogue()[name].lasting}
 
 
 def _beside(results: Sequence[Result], of_all: Common) -> list[Result]:
-    """The results without findings of what all have in common, and without what stands for that."""
+    """The results without the findings common to all, and without those that may stand for them."""
     common = names_of(of_all.findings)
     kept = [
         tuple(f for f in r.findings if f.effect not in common and (f.effect in own or not _stands_for(f, common)))
@@ -122,12 +122,12 @@ def _beside(results: Sequence[Result], of_all: Common) -> list[Result]:
 
 
 def _stands_for(finding: Finding, effects: set[str]) -> bool:
-    """Whether one of the effects is what a recording has found, or as likely as that."""
+    """Whether one of the effects is a recording's finding or an alternative to it."""
     return not effects.isdisjoint({finding.effect, *finding.also_fits})
 
 
 def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
-    """The finding of all, with what the recordings by themselves say of it, or of what stands for it."""
+    """Add to a common finding the share that single recordings attribute to it, or to alternatives to it."""
     shown = [[f for f in r.findings if _stands_for(f, {finding.effect})] for r in results]
     count = sum(map(bool, shown))
     if not count:
@@ -145,9 +145,9 @@ def _in_one_recording(finding: Finding, recording: str, count: int) -> Finding:
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:
-    """Combine what some of `count` recordings say of a lasting effect into one finding."""
+    """Combine the findings of a lasting effect in some of `count` recordings into one."""
     all_found = [f for _, f in said]
-    # A value whose prior is the others' would count them twice.
+    # A value with a prior from the others would count these twice.
     found = [f for f in all_found if f.evidence.prior_odds is UNSET]
     best = max(found, key=lambda f: f.gain_nats)
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
@@ -172,7 +172,7 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
 
 
 def _of_all(parameters: Mapping[str, Amount], said: Sequence[_Said]) -> str:
-    """Sentence with the values of several recordings together; those before it are of the one that shows it best."""
+    """Sentence with the combined values; the text before it gives those of the recording that shows it best."""
     shown = [
         f"{n} = {rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") for n, a in parameters.items() if a.std > 0.0
     ]
@@ -180,7 +180,7 @@ def _of_all(parameters: Mapping[str, Amount], said: Sequence[_Said]) -> str:
 
 
 def _apart(said: Sequence[_Said]) -> str:
-    """Sentence about values that contradict each other, by parameter: the two that do so most, and where."""
+    """Sentence on contradicting values, by parameter: the two that contradict each other most, and where."""
     told = []
     for name in said[0].finding.parameters:
         values = [(f.parameters[name], recording) for recording, f in said if name in f.parameters]
@@ -194,7 +194,7 @@ def _apart(said: Sequence[_Said]) -> str:
 def _borne_out(
     finding: Finding, said: Sequence[_Said], results: Sequence[Result], statistics: Sequence[SufficientStatistics]
 ) -> Finding:
-    """The finding; withdrawn to a suspicion where more recordings speak against it than show it. (89)"""
+    """Reduce a finding to a suspicion if more recordings contradict it than show it. (89)"""
     shown_in = {recording for recording, _ in said}
     others = [(r, own) for r, own in zip(results, statistics, strict=True) if r.recording not in shown_in]
     found = (own.log_bayes_factor(finding.effect, _prior(finding)) for _, own in others)
@@ -202,7 +202,7 @@ def _borne_out(
         against = sum(n < 0.0 for n in nats) if sum(nats) < -math.log(STRONG_ODDS) else 0
     else:
         against = sum(would_show(r, finding) for r, _ in others)
-    if against <= len(said):  # one alone may be the one that is wrong
+    if against <= len(said):  # a single one may be wrong
         return finding
     text = f"{finding.sentence} {against} others should show it but do not, so it is withdrawn."
     return replace(finding, status=Status.SUSPECTED, sentence=text)
@@ -215,7 +215,7 @@ def _prior(finding: Finding) -> dict[str, tuple[float, float]]:
 
 
 def would_show(result: Result, finding: Finding) -> bool:
-    """Whether a recording would have found an effect half as large, and says neither its name nor one of its class."""
+    """Whether a recording would show an effect half as large, but reports neither its name nor one of its class."""
     if any({f.effect, *f.also_fits} & {finding.effect, *finding.also_fits} for f in result.findings):
         return False
     least = result.detectable.get(finding.effect)
@@ -226,7 +226,7 @@ def would_show(result: Result, finding: Finding) -> bool:
 
 
 def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
-    """Means over recordings, whose own values scatter."""
+    """Random-effects means over recordings."""
     found = dict(parameters[0])
     for name in parameters[0]:
         amounts = [p[name] for p in parameters if name in p]
@@ -236,7 +236,7 @@ def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
 
 
 def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
-    """Keep each surrogate once, as all recordings have it that need it, and not beside a finding of its name."""
+    """Keep each surrogate once, with means over the recordings that need it, and not beside a finding of its name."""
     named = names_of(findings)
     groups: dict[str, list[Term]] = {}
     for near in (f.surrogate for f in findings):
@@ -262,14 +262,14 @@ def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_tog
 
 
 def largest(values: Iterable[float | None]) -> float | None:
-    """The largest value that is known; None where none is."""
+    """The largest known value; None if there is none."""
     return max((v for v in values if v is not None), default=None)
 
 
 def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
-    """Effects that no recording shows, in the words of the one in which they would be seen best.
+    """Effects that no recording shows, in the words of the most sensitive one.
 
-    An effect that holds for one run only is ruled out where all recordings rule it out.
+    An effect of one run is ruled out only if all recordings rule it out.
     """
     said: dict[str, list[tuple[float, str]]] = {}
     for result in results:

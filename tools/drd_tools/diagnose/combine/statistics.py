@@ -1,4 +1,4 @@
-"""Sufficient statistics of one recording for the effects that it may share with others of its robot. (89)"""
+"""Sufficient statistics of one recording for effects that it may share with other recordings of its robot. (89)"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,8 +23,8 @@ Part = tuple[Array, Array]  # G (p, p) and b (p,)
 class SufficientStatistics:
     """One recording's information `G` (p, p) and score `b` (p,) of the columns `names`, from `rows` rows of data.
 
-    `ranges`: where each effect's covariate was, by the effect's name; `span_s`: from when to when. `own`: those of the
-    effects that it has selected itself.
+    `ranges`: range of each effect's covariate, by the effect's name; `span_s`: start and end. `own`: the effects that
+    it has selected itself.
     """
 
     names: tuple[Name, ...]
@@ -36,7 +36,7 @@ class SufficientStatistics:
     own: frozenset[str] = frozenset()
 
     def beside(self, effects: Collection[str]) -> "SufficientStatistics":
-        """The statistics of the other effects, these of any size projected out."""
+        """Project these effects out of the statistics, leaving the others."""
         out = columns_of(self.names, effects)
         if not out:
             return self
@@ -48,7 +48,7 @@ class SufficientStatistics:
         return replace(self, names=tuple(self.names[i] for i in kept), G=G, b=b, own=self.own.difference(effects))
 
     def part(self, names: Sequence[Name]) -> Part:
-        """Information and score of columns; it says nothing of those that it has not."""
+        """Information and score of columns; 0 for those that it does not have."""
         own = [i for i, name in enumerate(names) if name in self.names]
         index = [self.names.index(names[i]) for i in own]
         G, b = np.zeros((len(names), len(names))), np.zeros(len(names))
@@ -61,7 +61,7 @@ class SufficientStatistics:
         return self.beside(self.own)
 
     def log_bayes_factor(self, effect: str, prior: Mapping[str, tuple[float, float]]) -> float | None:
-        """Log of the likelihood with an effect over that without it, nats; None where it has none, or its own. (89)
+        """Log Bayes factor for an effect, nats; None if it has no columns, or is among its own effects. (89)
 
         `prior`: mean and standard deviation, SI, of each parameter.
         """
@@ -77,7 +77,7 @@ class SufficientStatistics:
 
 
 def shared() -> list[Effect]:
-    """Effects whose parameters are all linear and mean the same in each recording."""
+    """Effects whose parameters are all linear and have the same meaning in each recording."""
     return [
         e
         for e in catalogue().values()
@@ -89,15 +89,15 @@ def shared() -> list[Effect]:
 
 
 def may_stand_for_shared(finding: Finding) -> bool:
-    """Whether a finding of one run is as likely an effect that all runs share."""
+    """Whether a finding of one run has an effect common to all runs as an alternative."""
     is_of_one = finding.is_named and not catalogue()[finding.effect].lasting
     return is_of_one and not {e.id for e in shared()}.isdisjoint(finding.also_fits)
 
 
 def sufficient_statistics(problem: Problem, fit: Fit, surrogates: Collection[str] = ()) -> SufficientStatistics:
-    """Score and information of the shared effects in a recording, and of its own `surrogates` of them, beside the rest.
+    """Score and information of the shared effects in a recording, and of its `surrogates` for them, beside the rest.
 
-    A surrogate is linear in what it is away from here.
+    Surrogates are linearised around their fitted parameters.
     """
     effects = [e for e in shared() if e.channel in problem.evidence.channels]
     stand_ins = [c for c in fit.selection if c.id in surrogates and c.effect not in effects]
@@ -123,5 +123,5 @@ def sufficient_statistics(problem: Problem, fit: Fit, surrogates: Collection[str
 
 
 def columns_of(names: Sequence[Name], effects: Collection[str]) -> list[int]:
-    """Which columns are those of effects."""
+    """Indices of the columns of these effects."""
     return [i for i, (effect, _) in enumerate(names) if effect in effects]
