@@ -1,1 +1,1 @@
-"""Validation of the model on recordings that had no part in the fit, and of the poses against references."""
+"""Validation of the model on held-out recordings, and of the poses against references."""

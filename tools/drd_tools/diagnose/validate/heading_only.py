@@ -1,4 +1,4 @@
-"""Errors of the gyro's heading against the reference, for recordings without wheels: with a model or without."""
+"""Errors of the gyro's heading against the reference, with or without a model, for recordings without wheels."""
 
 import math
 from pathlib import Path
@@ -18,9 +18,9 @@ from drd_tools.replay.nominal import with_model
 
 
 def heading_figures(recording: Recording, model: Path | None) -> Figures:
-    """Errors of the heading that the gyro adds up, on the reference at its first row; none without a reference.
+    """Errors of the integrated gyro heading, aligned with the reference's first row; none without a reference.
 
-    The bias is that of the standstill at the start, as the estimator measures it. Raises ConfigError.
+    The bias is that of the standstill at the start, as in the estimator. Raises ConfigError.
     """
     fog, reference = recording.fog, recording.reference
     assert fog is not None
@@ -48,10 +48,10 @@ def _corrected(
     recording: Recording, rate: Array, time_s: Array, interval_s: Array, temperature_c: Array | None,
     standing: npt.NDArray[np.bool_],
 ) -> Array:  # fmt: skip
-    """Rates (n,) with the recording's effects taken off as the daemon does it."""
+    """Rates (n,) with the recording's effects removed as in the daemon."""
     if not recording.terms:
         return rate
-    # The wheels' sizes are asked for, and stand for nothing.
+    # The wheels' sizes are required, but have no meaning here.
     robot = Robot(wheel_radius_m=1.0, tread_m=1.0)
     zero_s = zero_for_terms(float(time_s[0])) if recording.zero_s is None else recording.zero_s
     model = Compensation(recording.terms, robot, has_gyro=True, zero_ns=0, end_s=float(time_s[-1]) - zero_s)

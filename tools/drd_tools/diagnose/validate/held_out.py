@@ -1,4 +1,4 @@
-"""Predictive log-likelihood ratios of a model's terms in recordings that they were not fitted to."""
+"""Predictive log-likelihood ratios of a model's terms in held-out recordings."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -28,12 +28,12 @@ _A = TypeVar("_A")
 _B = TypeVar("_B")
 _Ranged = tuple[Selected, Ranges]
 
-NOISE_ROUNDS: Final = 2  # the second with noise of which the effects are no part
-CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
+NOISE_ROUNDS: Final = 2  # the second with noise that no longer contains the effects
+CONTRADICTED_NATS: Final = -math.log(20.0)  # a true term has so little in at most one case of 20
 
 
 class Map(Protocol):
-    """The built-in map, or that of a pool of processes."""
+    """The built-in `map`, or that of a process pool."""
 
     def __call__(self, function: Callable[[_A], _B], items: Iterable[_A], /) -> Iterable[_B]:
         """The results of the function, in the order of the items."""
@@ -42,10 +42,10 @@ class Map(Protocol):
 
 @dataclass(frozen=True)
 class Prepared:
-    """A held-out recording, and all of it that depends on no model.
+    """A held-out recording, with everything that does not depend on a model.
 
-    `measured`: its constants; `audited`: its evidence, which tells whether the robot is far from robot.yaml; `path`:
-    its path before any effect; `nominal`: errors of the nominal poses.
+    `measured`: its constants; `audited`: its evidence, including whether the robot is far from robot.yaml; `path`: its
+    path before any effect; `nominal`: errors of the nominal poses.
     """
 
     recording: Recording
@@ -56,24 +56,24 @@ class Prepared:
 
 
 def prepared(recording: Recording) -> Prepared:
-    """Measure what no model changes, once for all models."""
+    """Compute what does not depend on a model, once for all models."""
     with threadpool_limits(limits=1):
         measured, audited = observe(recording)
         problem = started(audited, measured).problem
         audited = replace(audited, evidence=problem.evidence)
-        # A reference that is late is no error of the pose.
+        # A late reference is not an error of the pose: judge with corrected stamps.
         return Prepared(recording, measured, audited, problem.path, judged(measured.recording, None)[0])
 
 
 def held_out_nats(terms: Iterable[Term], held_out: Sequence[Prepared], each: Map = map) -> dict[str, float]:
     """Log likelihood ratio of each lasting effect in all recordings together, beside the others that hold there.
 
-    Those that do not hold, which have less than CONTRADICTED_NATS, are taken off one by one, the worst first.
+    Effects that do not hold, with less than CONTRADICTED_NATS, are removed one at a time, the worst first.
     """
     kept = [_ranged(term) for term in terms if term.effect.lasting and term.effect.searched]
     found: dict[str, float] = {}
     while kept and held_out:
-        # What does not hold passes for noise until it is off.
+        # The noise is refitted each time: a wrong effect inflates it until it is removed.
         nats = np.sum(list(each(partial(_nats, kept), held_out)), axis=0)
         found |= {selected.id: float(n) for (selected, _), n in zip(kept, nats, strict=True)}
         worst = int(np.argmin(nats))
@@ -95,7 +95,7 @@ def _ranged(term: Term) -> _Ranged:
 
 
 class _HeldOut:
-    """A held-out recording, its noise fitted beside the selected effects as they are."""
+    """A held-out recording, its noise fitted beside the selected effects at fixed parameters."""
 
     def __init__(self, held_out: Prepared, selection: Sequence[Selected]):
         audited, fixed = held_out.audited, [Selected(c.effect, c.values, ()) for c in selection]
@@ -115,7 +115,7 @@ class _HeldOut:
         return self._evidence(selection) - self._evidence([*selection[:which], *selection[which + 1 :]])
 
     def _evidence(self, selection: Sequence[_Ranged]) -> float:
-        """Log likelihood around the path as it is, or around the one without the effects: whichever is more."""
+        """Log likelihood around the initial path, or around the one with the effects removed: the larger."""
         key = tuple(selected.id for selected, _ in selection)
         if key not in self._known:
             problems = [self._problem, self._problem.around([*(c for c, _ in selection), *self._events])]
@@ -123,13 +123,13 @@ class _HeldOut:
         return self._known[key]
 
     def _marginal(self, problem: Problem, selection: Sequence[_Ranged]) -> float:
-        """Log marginal likelihood: nuisances, parameters as far as known, and causes' shapes integrated over. (86)"""
+        """Log marginal likelihood: nuisances, parameters within their sigmas, and other shapes integrated out. (86)"""
         residual = problem.data - problem.effect_rows(self._events)
         columns = []
         for selected, ranges in selection:
             held = problem.along(partial(within, ranges=ranges))
             rows = held.effect_rows([selected])
-            if np.isfinite(rows).all():  # of a temperature that was not recorded nothing is known
+            if np.isfinite(rows).all():  # not finite if the temperature was not recorded
                 residual = residual - rows
                 columns += [
                     held.tangents([selected]) * np.sqrt(np.diag(selected.covariance)),

@@ -1,4 +1,4 @@
-"""Errors of the estimator's poses against the reference, without a model and with it."""
+"""Errors of the estimator's poses against the reference, without and with a model."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,9 +21,9 @@ from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
 
-DRAWN_ROWS: Final = 2000  # more than a picture has pixels across
-OUTSIDE: Final = "outside_bound_percent"  # of the poses, beyond the 99 % bound that comes with each
-MOST_OUTSIDE_PERCENT: Final = 10.0  # 1 is expected; errors hang together, so that one long excursion is no exception
+DRAWN_ROWS: Final = 2000  # more than the pixels across a picture
+OUTSIDE: Final = "outside_bound_percent"  # of the poses, outside their 99 % bound
+MOST_OUTSIDE_PERCENT: Final = 10.0  # 1 is expected; errors are correlated, so that a long excursion is not exceptional
 NO_POSES: Final = np.zeros((0, len(ESTIMATES)))
 
 
@@ -36,7 +36,7 @@ def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
 
 
 def _figures(recording: Recording, rows: Array) -> Figures:
-    """How far poses (n, columns) are from the reference; nothing where that has too little in common with them."""
+    """Errors of poses (n, columns) against the reference; empty if they overlap too little."""
     if recording.reference is None or len(recording.reference.time_s) < 2 or len(rows) < 2:
         return {}
     reference = reference_of(recording)
@@ -62,10 +62,10 @@ def _figures(recording: Recording, rows: Array) -> Figures:
 def checked(
     verdict: Verdict, findings: Iterable[Finding], own: Iterable[Figures], held_out: Iterable[Figures]
 ) -> Verdict:
-    """Posterior predictive check: nothing is explained where poses with the model leave their own 99 % bound. (91)
+    """Posterior predictive check: "explained" is withdrawn if poses with the model leave their own 99 % bound. (91)
 
-    `own`: of the recordings of the fit, with the model; `held_out`: of others. What no model can take off is not held
-    against it: in others only where it lasts.
+    `own`: of the recordings of the fit, with the model; `held_out`: of others. Irreversible effects are not held
+    against the model; in other recordings, only if they last.
     """
     lost = [effect for f in findings if f.is_named and (effect := catalogue()[f.effect]).irreversible]
     figures = [*(() if lost else own), *(() if any(effect.lasting for effect in lost) else held_out)]
@@ -78,7 +78,7 @@ def is_predicted(figures: Figures) -> bool:
 
 
 def paths(recording: Recording, nominal: Array, corrected: Array | None) -> Paths:
-    """The paths that are drawn, from the reference's pose at their start."""
+    """The paths to be drawn, aligned with the reference's pose at their start."""
     r = recording.reference
     return Paths(
         None if r is None else _line(np.column_stack([r.time_s, r.x_m, r.y_m])),
@@ -93,12 +93,12 @@ def with_path(drive: Drive, corrected: Line | None) -> Drive:
 
 
 def path_from(r: ReferenceLog | None, rows: Array) -> Line:
-    """The path of poses (n, columns) that is drawn, from the reference's pose at their start."""
+    """The path to be drawn of poses (n, columns), aligned with the reference's pose at their start."""
     return _line(_from_reference(r, rows))
 
 
 def _from_reference(r: ReferenceLog | None, rows: Array) -> Array:
-    """Rows of poses, turned and moved to the reference's pose where both begin."""
+    """Rotate and shift rows of poses to the reference's pose where both begin."""
     if r is None or not len(rows):
         return rows
     start_s = max(float(r.time_s[0]), float(rows[0, 0]))

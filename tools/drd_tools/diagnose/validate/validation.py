@@ -1,6 +1,6 @@
 """Held-out validation of the model.
 
-There a term must hold: the data must not speak against it. What is only a surrogate must bring the poses nearer.
+Held-out data must not contradict a term. A surrogate must reduce the errors of the poses.
 """
 
 import math
@@ -26,7 +26,7 @@ SURROGATE: Final = "stands in for an unidentified curve, being the effect neares
 
 
 class Validated(NamedTuple):
-    """The model, the findings with what held-out recordings say of them, and the figures of these."""
+    """The model, the findings with their held-out evidence, and the figures of the held-out recordings."""
 
     model: Model
     findings: list[Finding]
@@ -43,9 +43,9 @@ def validate(
     held_out: Sequence[Prepared],
     each: Map = map,
 ) -> Validated:
-    """Save the model of the terms and of surrogates, less what is only suspected, by itself or by `held_out`.
+    """Save the model of the terms and surrogates, without terms that are only suspected, also in view of `held_out`.
 
-    The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
+    The findings receive their held-out evidence, and lose their surrogates unless every held-out recording improves.
     """
     nats = held_out_nats(build(terms).terms, held_out, each)
     findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
@@ -72,18 +72,18 @@ def validate(
 
 
 def figures_of(recording: Recording, model: Path) -> Figures:
-    """Errors of the poses that a model gives."""
+    """Errors of the poses with a model."""
     return judged(recording, model)[0]
 
 
 def _accepted(findings: Iterable[Finding]) -> set[str]:
-    """Names that are more than suspected, and those beside which alone one of them is known."""
+    """Names that are more than suspected, and the linear terms up to which their forms are determined."""
     names = {f.effect for f in findings if f.is_named and f.status is not Status.SUSPECTED}
     return names | {beside.id for name in names if (beside := catalogue()[name].beside) is not None}
 
 
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
-    """Add to a finding what held-out recordings say of it."""
+    """Add the held-out evidence to a finding."""
     if worth is None:
         return finding
     if worth < CONTRADICTED_NATS:
