@@ -1,4 +1,4 @@
-"""Find the physics that a nominal model leaves out, name it, model it, and show that it holds."""
+"""Find the physics that a nominal model leaves out, name it, model it, and validate it."""
 
 from drd_tools.diagnose.api import diagnose
 from drd_tools.diagnose.diagnosis import Diagnosis

@@ -1,4 +1,4 @@
-"""One recording, from evidence to conclusion."""
+"""Analysis of one recording, from evidence to conclusion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ from drd_tools.diagnose.select.start import Start, started
 from drd_tools.diagnose.series import Spread
 from drd_tools.recordings.folder import Recording
 
-NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
-ROUGH_ROUNDS: Final = 4  # where the data are far off
-GROWING_ROUNDS: Final = 8  # where a set that explains much waits for its noise: limits the time
-# Long-run deviation of the wheels' noise beside which an effect of d = 8, 32 nats, is worth 14: what some cost.
+NOISE_ROUNDS: Final = 2  # the second fits the noise without the effects that the first mistook for noise
+ROUGH_ROUNDS: Final = 4  # if the data are far from the model
+GROWING_ROUNDS: Final = 8  # if the noise must be refitted after a set that explains much: limits the time
+# Long-run deviation of the wheels' noise that reduces an effect of d = 8 from 32 nats to 14, the cost of some.
 HIDING: Final = 1.5
-LEAST_JITTER_S: Final = 0.01  # less of a time changes little
-FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
-# Faults that are the reference's alone: name, unit, and its size in SI.
+LEAST_JITTER_S: Final = 0.01  # a smaller jitter changes little
+FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is attributed to the reference
+# Errors of the reference alone: name, unit, and size of the unit in SI.
 FAULT_OF_NUISANCE: Final = {
     DRIFT: ("drift", "ppm", 1e-6),
     AHEAD: ("ahead", "m", 1.0),
@@ -41,16 +41,16 @@ FAULT_OF_NUISANCE: Final = {
     YAW: ("heading", "deg", RAD_PER_DEG),
     SMOOTHING: ("smoothing", "1", 1.0),
 }
-NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
+NOISE_CHANGED: Final = 0.1  # relative change after which the search is repeated
 
 
 @dataclass(frozen=True)
 class Analysis:
     """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
 
-    `measured`: the robot's constants. `reference`: its faults: `lag`, how late it is where that is more than usual, and
-    `drift`, by how much its clock and the wheels' drift apart, where no gyro tells which of them does; where its marker
-    is, `ahead` and `left` of the robot's centre, and its `heading`'s offset; `smoothing`, and how often it `jumps`.
+    `measured`: the robot's constants. `reference`: errors of the reference: `lag`, if larger than usual; `drift` of its
+    clock relative to the wheels', if no gyro shows which one drifts; the position of its marker, `ahead` and `left` of
+    the robot's centre, and its `heading` offset; `smoothing`, and the number of `jumps`.
     """
 
     measured: Constants
@@ -62,7 +62,7 @@ class Analysis:
 
     @property
     def recording(self) -> Recording:
-        """The recording with its reference's stamps put right by its lag."""
+        """The recording with its reference's stamps corrected by its lag."""
         return self.measured.recording
 
     def noise_ratios(self) -> Figures:
@@ -70,16 +70,16 @@ class Analysis:
         return ratios(self.conclusion.found.problem)
 
     def scatter(self) -> tuple[list[Scatter], list[Spread]]:
-        """Noise that is much larger than stated, and its course."""
+        """Noise much larger than stated, and its course."""
         found = self.conclusion.found
         return scatter_of(found.problem, found.fit.left, self.recording.nominal)
 
 
 def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis:
-    """Audit, fit the noise, search, and judge what was found. `expected`: effects that the robot's others have."""
+    """Audit, fit the noise, search, and judge the result. `expected`: effects from the robot's other recordings."""
     measured, audited = observe(recording)
     start = started(audited, measured)
-    # Noise and effects are fitted in turn, which may end where noise has taken an effect's place.
+    # Noise and effects are fitted alternately, which may converge with noise in place of an effect.
     searched = (_searched(problem, start) for problem in _first_problems(start))
     problem, found = max(searched, key=lambda s: score_with_noise(s[1].problem, s[1].fit))
     null = refine(problem, start.known)
@@ -95,12 +95,12 @@ def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis
 
 
 def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
-    """Faults of the reference, or what is as well its own."""
+    """Errors of the reference, and effects attributed to it."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
     found = apart(conclusion.found.problem, conclusion.found.fit)
     for nuisance, (name, unit, si) in FAULT_OF_NUISANCE.items():
         value, sigma = found.nuisances.get(nuisance, (0.0, 0.0))
-        # No reference is sharper than the truth.
+        # Negative smoothing is impossible: no reference is sharper than the truth.
         if value > CLEARLY * sigma or (nuisance != SMOOTHING and value < -CLEARLY * sigma):
             faults[name] = Amount(value / si, sigma / si, unit)
     if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
@@ -112,14 +112,14 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
 
 
 def _first_problems(start: Start) -> Iterator[Problem]:
-    """The problem with the noise that all of the mismatch would be; and, where its slip is larger, with that stated."""
+    """The problem with the noise that explains the whole mismatch; and with the stated noise, if that is smaller."""
     problem, held = start.problem, start.held
     for _ in range(NOISE_ROUNDS):
         near = problem.around(held) if start.constants else problem
         fit = refine(near, held)
         noise, fix_inflation = fitted(near, fit, searched=False)
-        # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
-        # only the reference tells, is larger than that.
+        # With constants far off, correlated residuals count as noise until an effect is found; effects of the body,
+        # seen only by the reference, are larger than that.
         inflation = Inflation(inflated(near, fit.left, noise).wheels) if start.constants else problem.inflation
         problem = problem.with_noise(noise, fix_inflation, inflation)
     yield problem
@@ -128,9 +128,9 @@ def _first_problems(start: Start) -> Iterator[Problem]:
 
 
 def _as_stated(problem: Problem, noise: Noise) -> Noise | None:
-    """Noise with what is stated of the sensor that only the reference judges, where it is larger; else None.
+    """Reset the noise of a sensor that only the reference checks to the stated size, if the fit is larger; else None.
 
-    With wheels and gyro each row of the wheels tells the noise by itself, and few of them an effect of some seconds.
+    With wheels and gyro, every row of the wheels shows the noise, and few of them an effect of some seconds.
     """
     sheet = problem.evidence.datasheet
     if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > sheet.slip_m_per_sqrt_m:
@@ -141,7 +141,7 @@ def _as_stated(problem: Problem, noise: Noise) -> Noise | None:
 
 
 def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
-    """Search and fit the noise in turn; the problem before any effect, with the last noise, and what was found."""
+    """Search and fit the noise alternately; the problem before any effect, with the last noise, and the result."""
     problem = problem if start.constants else converged(problem, start.known)
     searched = _with_its_noise(problem, start, coarse_search(problem, start.known, start.constants))
     if (hidden := _beside_less_noise(searched, start)) is not None:
@@ -150,10 +150,10 @@ def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
 
 
 def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Problem, Found]:
-    """Fit the noise beside what was found and go on with the search, in turn; then search to the end."""
+    """Fit the noise beside the effects found and continue the search, alternately; then search to the end."""
     known, constants = start.known, start.constants
     for i in range(GROWING_ROUNDS if constants else ROUGH_ROUNDS):
-        # The selected effects are off now, so that what is left tells the noise better than before.
+        # With the selected effects removed, the residual shows the noise better than before.
         is_due = is_rough(found.fit) or found.is_noise_due
         if i >= NOISE_ROUNDS and not is_due:
             break
@@ -168,9 +168,9 @@ def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Probl
 
 
 def _beside_less_noise(searched: tuple[Problem, Found], start: Start) -> tuple[Problem, Found] | None:
-    """A larger set, and its own noise, that the long run of a smaller set's noise may hide; None where none comes up.
+    """A larger set, with its own noise, that the long-run variance beside a smaller set may hide; None if none exists.
 
-    A slip of half a minute is in the long run until it is off, and in a long run as large as that it is no effect.
+    A slip of half a minute is part of the long-run variance until it is removed, and gains nothing beside it.
     """
     problem, found = searched
     its, long_run = found.problem, found.problem.inflation.wheels
@@ -185,7 +185,7 @@ def _beside_less_noise(searched: tuple[Problem, Found], start: Start) -> tuple[P
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:
-    """Whether a problem has this noise already."""
+    """Whether a problem already has nearly this noise."""
     before, was = problem.noise, problem.inflation
     pairs = (
         (noise.slip_m_per_sqrt_m, before.slip_m_per_sqrt_m),

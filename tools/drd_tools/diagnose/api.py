@@ -20,8 +20,8 @@ def diagnose(
     """Find the physics that the nominal model of a robot leaves out.
 
     `gyro`: time_s, rate_deg_s and, where known, temperature_c. `wheels`: time_s and left_counts, right_counts, or
-    left_rad_s, right_rad_s. `reference`: time_s, x_m, y_m, heading_deg. Two of the three are needed. Times are of one
-    clock. Raises ConfigError where columns are missing, or have nothing in common.
+    left_rad_s, right_rad_s. `reference`: time_s, x_m, y_m, heading_deg. Two of the three are needed, with times of one
+    clock. Raises ConfigError if columns are missing, or do not overlap in time.
     """
     encoders = None if wheels is None else wheel_log(wheels, robot)
     recording = Recording(Path(robot.name), robot, encoders, gyro_log(gyro), _reference(reference), {})

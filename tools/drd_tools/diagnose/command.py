@@ -65,7 +65,7 @@ def main(argv: list[str]) -> int:
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
     names = ", ".join(r.name for r in recordings)
     pieces = [part for recording in recordings for part in parts(recording)]
-    # A part of 20 minutes needs half a gigabyte: one at a time.
+    # One part of 20 minutes at a time: each needs half a gigabyte.
     jobs = chosen.jobs if len(pieces) == len(recordings) else 1
     with writing(chosen.output):
         chosen.output.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def main(argv: list[str]) -> int:
 
 
 def _read(paths: Sequence[Path]) -> list[Recording]:
-    """Read all input, and check it before work begins that takes minutes."""
+    """Read all input, and check it before minutes of work begin."""
     recordings = [read(path) for path in paths]
     names = [r.name for r in recordings]
     if len(set(names)) < len(names):

@@ -1,4 +1,4 @@
-"""The diagnosis of a recording, or of several together, with the model, and the files that it becomes."""
+"""The diagnosis of a recording, or of several together, with its model and files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from drd_tools.diagnose.series import Series
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result, what is drawn of it, and the nominal robot with what was found.
+    """The result, the series to be drawn, and the model: the nominal robot with the effects found.
 
-    `notes`: sentences about the recording. `statistics`: its part in what several say together.
+    `notes`: sentences about the recording. `statistics`: its contribution to a joint regression.
     """
 
     result: Result

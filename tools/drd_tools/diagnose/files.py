@@ -1,4 +1,4 @@
-"""diagnosis.json and series.json: the one place where results become JSON, and JSON becomes results."""
+"""diagnosis.json and series.json: the only place that converts between results and JSON."""
 
 import json
 import math
@@ -21,7 +21,7 @@ WORDS: Final = {"verdict": ", ".join(Verdict), "status": ", ".join(Status), "spe
 
 
 def plain(value: object) -> Any:
-    """As JSON and YAML know it: words beside numbers, null for what is not finite, no key without a value."""
+    """Convert for JSON and YAML: choices among the parameters, null for non-finite numbers, no empty keys."""
     return _finite(msgspec.to_builtins(value, enc_hook=_built))
 
 
@@ -31,7 +31,7 @@ def _built(value: Any) -> Any:
 
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        if "choices" in value:  # of an effect: in files its parameters are one section
+        if "choices" in value:  # of an effect: files have all parameters in one section
             value = {**value, "parameters": {**value["choices"], **value["parameters"]}}
             empty = ("probabilities", "provenance") if "status" in value else ("seen", "provenance")
             value = {k: v for k, v in value.items() if k != "choices" and (v or k not in empty)}
@@ -64,7 +64,7 @@ def _read(file: Path, form: type[T]) -> T:
 
 
 def parted(value: Any) -> Any:
-    """With an effect's words apart from its numbers; a number of null is not known."""
+    """Separate an effect's choices from its numbers; null becomes NaN, unknown."""
     if isinstance(value, list):
         return [parted(v) for v in value]
     if not isinstance(value, dict):
@@ -82,7 +82,7 @@ def parted(value: Any) -> Any:
 
 
 def _array(_: type, value: Any) -> Any:
-    """A list of numbers; null is not-a-number. Raises ValueError."""
+    """Convert a list of numbers; null becomes NaN. Raises ValueError."""
     known = isinstance(value, list) and all(
         v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in value
     )

@@ -11,11 +11,11 @@ from drd import arrays
 
 Array = arrays.Array
 Ranges = Mapping[str, tuple[float, float]]  # low and high of each covariate, in its file's unit
-Figures = dict[str, float | None]  # of an evaluation, by name and unit
+Figures = dict[str, float | None]  # of an evaluation, by name with unit
 Window = tuple[float, float]
 
 UNNAMED: Final = "unknown"  # in place of an effect's name
-NOTHING: Final = "nothing"  # in place of an effect, that there is none
+NOTHING: Final = "nothing"  # in place of an effect's name: no effect
 
 
 class Verdict(StrEnum):
@@ -36,7 +36,7 @@ class Status(StrEnum):
 
 
 class Amount(Struct, frozen=True):
-    """A parameter's estimate and its standard deviation (0: not fitted; NaN: not known), in the catalogue's unit."""
+    """A parameter's estimate and standard deviation (0: not fitted; NaN: unknown), in the catalogue's unit."""
 
     value: float
     std: float
@@ -44,8 +44,8 @@ class Amount(Struct, frozen=True):
 
 
 class Term(Struct, frozen=True, kw_only=True):
-    """An effect as a model has it. `choices`: parameters that are words. `seen`: where its covariate was. `provenance`:
-    why it is there, and of several recordings the one in which it was found, where it holds in that alone.
+    """An effect in a model. `choices`: parameters that are words. `seen`: range of its covariate. `provenance`: the
+    reason for it, and the recording in which it was found, if it holds in only one of several.
     """
 
     effect: str
@@ -56,9 +56,9 @@ class Term(Struct, frozen=True, kw_only=True):
 
 
 class Support(Struct, frozen=True):
-    """Evidence for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value.
+    """Evidence for a finding: gain in log likelihood, family-wise p-value over the catalogue, e-value.
 
-    `prior_odds`: of what a recording is expected to have, by others of the robot, whose value is its parameters' prior.
+    `prior_odds`: of an expected effect, from other recordings of the robot, which also give its parameters' prior.
     """
 
     gain_nats: float | None
@@ -68,18 +68,18 @@ class Support(Struct, frozen=True):
 
 
 class HeldOut(Struct, frozen=True):
-    """Log likelihood ratio of an effect in recordings that it was not fitted to, and which way that speaks."""
+    """Log likelihood ratio of an effect in held-out recordings, and whether this is for or against it."""
 
     nats: float
     speaks: Literal["for", "against", "neither"]
 
 
 class Finding(Struct, frozen=True, kw_only=True):
-    """One cause: an effect of the catalogue with its parameters, or what is known of one without a name.
+    """One cause: an effect of the catalogue with its parameters, or the description of an unnamed one.
 
-    `probabilities`: of its name and of each that was tried in its place, of "unknown" and of "nothing", one together;
-    those below 0.001 are left out. `surrogate`: the name that comes nearest to a cause without one. `recording`: of
-    several the one that it was found in, where it holds in that alone.
+    `probabilities`: of its name, of each tried in its place, of "unknown" and of "nothing"; they sum to one, and those
+    below 0.001 are left out. `surrogate`: the name nearest to an unnamed cause. `recording`: the one in which it was
+    found, if it holds in only one of several.
     """
 
     effect: str
@@ -101,7 +101,7 @@ class Finding(Struct, frozen=True, kw_only=True):
 
     @property
     def probability(self) -> float:
-        """Posterior probability of its name; NaN where a file does not tell."""
+        """Posterior probability of its name; NaN if the file does not contain it."""
         return self.probabilities.get(self.effect, math.nan)
 
     @property
@@ -111,47 +111,47 @@ class Finding(Struct, frozen=True, kw_only=True):
 
     @property
     def gain_nats(self) -> float:
-        """The gain in log likelihood; 0 where it is not known."""
+        """The gain in log likelihood; 0 if unknown."""
         return self.evidence.gain_nats or 0.0
 
 
 class Unexplained(Struct, frozen=True):
-    """Mismatch that is left. `end_error_m`: None where no reference gives it."""
+    """Remaining mismatch. `end_error_m`: None without a reference."""
 
     share_of_residual: float | None
     end_error_m: float | None
 
 
 class Because(Struct, frozen=True):
-    """An effect that was ruled out, or cannot be observed, and why."""
+    """An effect that was ruled out, or is not observable, and the reason."""
 
     effect: str
     because: str
 
 
 class Smallest(Struct, frozen=True):
-    """The smallest size that would be found, in its parameter's unit."""
+    """The smallest detectable size, in its parameter's unit."""
 
     smallest: float | None
     unit: str
 
 
 class Train(Struct, frozen=True):
-    """Figures of the data that were fitted, without and with the model."""
+    """Figures of the fitted data, without and with the model."""
 
     before: Figures
     after: Figures
 
 
 class Validation(Struct, frozen=True):
-    """Figures of data that had no part in the fit, by their name, without and with the model."""
+    """Figures of held-out data, by name, without and with the model."""
 
     before: dict[str, Figures | float | None]
     after: dict[str, Figures | float | None]
 
 
 class Fit(Struct, frozen=True):
-    """Figures of the model's fit, on the data of the fit and on others."""
+    """Figures of the model on the fitted data and on held-out data."""
 
     train: Train
     held_out: Validation
@@ -176,7 +176,7 @@ class Segment(Struct, frozen=True):
 
 
 class Settled(Struct, frozen=True):
-    """An open question: two names, the probability that a drive settles which it is, and the nats that it brings."""
+    """An open question: two names, the probability that a drive settles it, and the expected nats."""
 
     names: list[str]
     probability: float
@@ -184,10 +184,10 @@ class Settled(Struct, frozen=True):
 
 
 class NextDrive(Struct, frozen=True):
-    """The drive that settles most open questions; `separates`: the pairs of names that it separates.
+    """The drive that settles most open questions; `separates`: the pairs of names that it distinguishes.
 
     `segments`: its manoeuvres, after a standstill of `stand_s`. `questions`: each open pair. `probability`: of settling
-    all that it separates (where it separates none: all that are open).
+    all pairs that it separates (if none: all open ones).
     """
 
     manoeuvre: str
@@ -204,7 +204,7 @@ class NextDrive(Struct, frozen=True):
 
 
 class Level(Struct, frozen=True):
-    """Size of a noise, over the stated one, with its deviation, in a bin of a covariate; `at`: the bin in words."""
+    """Relative size of a noise to the stated one, with its deviation, in a covariate's bin; `at`: the bin in words."""
 
     at: str
     middle: float
@@ -213,11 +213,11 @@ class Level(Struct, frozen=True):
 
 
 class Scatter(Struct, frozen=True, kw_only=True):
-    """A noise that is much larger than stated, `ratio` times: with what it goes, and when it is largest.
+    """A noise much larger than stated, by `ratio`: the covariate it depends on, and when it is largest.
 
     `channel`: slip (of the wheels), gyro, or position and heading of the reference. `levels`: by bins of `covariate`,
-    None where none tells. `nats`: gain of the covariate's bins, `window_nats` of the interval of time, their
-    costs taken off. `jitter_s`: of the wheels' time from one change of speed to the next (25).
+    None if none is significant. `nats`: gain of the covariate's bins, `window_nats`: of the interval of time, each less
+    its cost. `jitter_s`: of the timing of the wheels' changes of speed (25).
     """
 
     kind: Literal["noise"] = "noise"
@@ -237,9 +237,9 @@ class Scatter(Struct, frozen=True, kw_only=True):
 class Result(Struct, frozen=True, kw_only=True):
     """The content of diagnosis.json.
 
-    `noise`: sizes of the noise over those that are stated; `scatter`: those that are much larger. `reference`: faults
-    of the reference itself: its `lag`, where its marker is, `ahead` and `left` of the robot's centre, its `heading`'s
-    offset, `smoothing`, `jumps` (how many) and, without a gyro, its clock's `drift` and a `delay`.
+    `noise`: sizes of the noise relative to the stated ones; `scatter`: those much larger. `reference`: errors of the
+    reference itself: its `lag`, the position of its marker, `ahead` and `left` of the robot's centre, its `heading`
+    offset, `smoothing`, number of `jumps` and, without a gyro, its clock's `drift` and a `delay`.
     """
 
     schema: Literal[1] = 1
@@ -260,5 +260,5 @@ class Result(Struct, frozen=True, kw_only=True):
 
     @property
     def unobservable(self) -> Sequence[Because]:
-        """Effects of which the data say nothing; none where the file does not tell."""
+        """Effects that the data cannot show; empty if the file does not contain them."""
         return () if isinstance(self.not_observable, UnsetType) else self.not_observable

@@ -1,4 +1,4 @@
-"""Diagnose recordings: one here, several in processes of their own; and combine them."""
+"""Diagnose recordings, one in this process or several in parallel processes, and combine them."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -49,9 +49,9 @@ class Written(NamedTuple):
 def run_all(
     recordings: Sequence[Recording], held_out: Sequence[Recording], folder: Path, jobs: int, names: str
 ) -> Iterator[Written]:
-    """Diagnose one recording into a folder; several into folders in it, in the order given, and then all together.
+    """Diagnose one recording into a folder; several into subfolders, in the order given, and then all together.
 
-    The results are the same to the bit for any `jobs`. SIGTERM and Ctrl-C end the processes in the midst of their work.
+    The results are bit-identical for any `jobs`. SIGTERM and Ctrl-C end the processes immediately.
     `names`: of all recordings. Raises ConfigError and OSError.
     """
     if len(recordings) == 1:
@@ -62,7 +62,7 @@ def run_all(
         tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
     ):
         others = list(pool.map(prepared, held_out))
-        # So at the end no process waits long for the last one.
+        # The longest first, so that no process waits long at the end.
         by_length = sorted(recordings, key=_samples, reverse=True)
         futures = {r.name: pool.submit(_written, r, others, folder / r.name) for r in by_length}
         for future in futures.values():
@@ -80,7 +80,7 @@ def _samples(recording: Recording) -> int:
 def _in_agreement(
     recordings: Sequence[Recording], made: Sequence[Written], held_out: Sequence[Prepared], folder: Path, pool: Executor
 ) -> list[Written]:
-    """The diagnoses, anew where a recording is expected to have what others show."""
+    """Repeat the diagnosis of each recording in which effects of the others are expected."""
     diagnoses = [w.diagnosis for w in made]
     found = expected([d.result for d in diagnoses], [d.statistics for d in diagnoses if d.statistics is not None])
     again = [
@@ -98,20 +98,20 @@ def _written(
 
 
 def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
-    """Diagnose a recording, and prove its model on others. Raises ConfigError."""
+    """Diagnose a recording, and validate its model on others. Raises ConfigError."""
     with in_one_thread():
         return concluded(analyse(recording, expected), held_out)
 
 
 @contextmanager
 def in_one_thread() -> Iterator[None]:
-    """Numerical libraries in one thread: two multiply so little no sooner, and sums would depend on the processors."""
+    """Limit numerical libraries to one thread: two are no faster here, and sums would depend on the processors."""
     with threadpool_limits(limits=1), no_garbage():
         yield
 
 
 def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:
-    """The diagnosis that an analysis gives, its model proved on other recordings. Raises ConfigError."""
+    """Make the diagnosis from an analysis, with its model validated on other recordings. Raises ConfigError."""
     recording, conclusion = analysis.recording, analysis.conclusion
     with tempfile.TemporaryDirectory() as folder:
         model_file, findings = Path(folder) / "model.yaml", outcome.findings_of(conclusion)
@@ -169,7 +169,7 @@ def together(
 def _with_common_model(
     recordings: Sequence[Recording], made: Sequence[Diagnosis], model: Path | None, each: Map
 ) -> list[tuple[Figures, Drive]]:
-    """Figures and path of each recording with the model of all: its own has told of itself alone."""
+    """Figures and path of each recording with the common model instead of its own."""
     drives = [d.series.recordings[0] for d in made]
     if model is None:
         return [(d.result.fit.train.before, with_path(drive, None)) for d, drive in zip(made, drives, strict=True)]
@@ -179,7 +179,7 @@ def _with_common_model(
 
 
 def _in_time(recording: Recording, result: Result) -> Recording:
-    """The recording with its reference's stamps put right by the lag that was found."""
+    """The recording with its reference's stamps corrected by the lag found."""
     lag = result.reference.get("lag") if result.reference else None
     if recording.reference is None or lag is None:
         return recording
@@ -187,7 +187,7 @@ def _in_time(recording: Recording, result: Result) -> Recording:
 
 
 def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
-    """Figures of the data of the fit, without the model and with it, and the paths."""
+    """Figures of the fitted data, without and with the model, and the paths."""
     recording, e = analysis.recording, analysis.conclusion.found.problem.evidence
     before, nominal = judged(recording, None)
     after, corrected = (before, None) if model is None else judged(recording, model)

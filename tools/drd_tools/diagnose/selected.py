@@ -1,4 +1,4 @@
-"""An effect with the parameters that are selected of it."""
+"""A selected effect with its parameters."""
 
 import math
 from collections.abc import Mapping
@@ -13,17 +13,17 @@ from drd_tools.diagnose.results import Array
 Values = Mapping[str, float | str]
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation of parameters, SI
 
-# Parameters beside an effect's own: the gyro's bias where an effect acts on the sum of rate and bias (rad/s), and a
-# constant scale error where the form is known up to one only.
+# Parameters besides an effect's own: the gyro's bias if the effect acts on the sum of rate and bias (rad/s), and a
+# constant scale error if the form is determined only up to one.
 BIAS: Final = Parameter("bias", "rad/s", "the gyro's own bias", 1e-6, 1e-2, linear=False)
 SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5, 0.05)
 
 
 @dataclass(frozen=True)
 class Selected:
-    """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs.
+    """An effect with parameters, SI. `free`: the names of the fitted ones, `covariance` (k, k): theirs.
 
-    `prior`: mean and standard deviation of those that something else has measured.
+    `prior`: mean and standard deviation of parameters measured independently.
     """
 
     effect: Effect
@@ -43,11 +43,11 @@ class Selected:
         return self.effect.acts_on is ActsOn.TIMING
 
     def number(self, name: str) -> float:
-        """Value of a parameter that is a number."""
+        """Value of a numerical parameter."""
         return float(self.values[name])
 
     def sigma(self, name: str) -> float:
-        """Standard deviation of a parameter; 0 where it was not fitted."""
+        """Standard deviation of a parameter; 0 if it was not fitted."""
         if name not in self.free or not self.covariance.size:
             return 0.0
         i = self.free.index(name)
@@ -59,17 +59,17 @@ class Selected:
 
     @property
     def begin_s(self) -> float | None:
-        """Time from which it acts; None where it always does."""
+        """Time from which it acts; None if it acts from the start."""
         return self.number(START.name) if START.name in self.values else None
 
     @property
     def end_s(self) -> float | None:
-        """Time until which it acts; None where to the end."""
+        """Time until which it acts; None if it acts to the end."""
         return self.number(END.name) if END.name in self.values else None
 
     @property
     def interval_s(self) -> tuple[float, float] | None:
-        """Times between which it acts; None where it has no such two times."""
+        """Interval of time in which it acts; None if it has no start or no end."""
         begin_s, end_s = self.begin_s, self.end_s
         return None if begin_s is None or end_s is None else (begin_s, end_s)
 
@@ -83,11 +83,11 @@ def parameter(effect: Effect, name: str) -> Parameter:
 
 
 def linear_names(effect: Effect, values: Values) -> tuple[str, ...]:
-    """The linear parameters, among them the scale beside it."""
+    """The linear parameters, including the additional scale error if present."""
     return effect.linear() + ((SCALE.name,) if SCALE.name in values else ())
 
 
 def shape_of(effect: Effect, values: Values) -> dict[str, float | str]:
-    """The parameters that are not linear: they make the shape."""
+    """The nonlinear parameters, which determine the shape."""
     linear = linear_names(effect, values)
     return {name: value for name, value in values.items() if name not in linear}

@@ -1,4 +1,4 @@
-"""The content of series.json, as classes: what the report draws of a diagnosis."""
+"""The content of series.json, as classes: the series that the report draws."""
 
 import math
 from typing import Final, Literal
@@ -10,7 +10,7 @@ from drd_tools.diagnose.results import Array, Figures
 
 
 def _alike(series: Struct, *names: str) -> None:
-    """Check lists that are drawn against each other for one length. Raises ValueError."""
+    """Check that series drawn against each other have the same length. Raises ValueError."""
     sizes = [len(getattr(series, name)) for name in names]
     if len(set(sizes)) > 1:
         raise ValueError(f"{', '.join(names)} of one length; {', '.join(map(str, sizes))}")
@@ -28,7 +28,7 @@ class Line(Struct, frozen=True, eq=False):
 
 
 class Paths(Struct, frozen=True):
-    """Paths to be drawn; None where there is none."""
+    """Paths to be drawn; None if there is none."""
 
     reference: Line | None
     nominal: Line
@@ -47,7 +47,7 @@ class Drive(Struct, frozen=True):
 class Mismatch(Struct, frozen=True, eq=False):
     """The error of a channel against its covariate, with sigmas, and the fitted effect with its 95 % band.
 
-    Where the covariate is the place: `x` and `y` (m) of the knots of a square grid, column by column.
+    If the covariate is the place: `x` and `y` (m) of the knots of a square grid, column by column.
     """
 
     covariate: str = field(name="driver")
@@ -84,7 +84,7 @@ NO_GAIN: Final = Gain(np.zeros(0), np.zeros(0))
 
 
 class Course(Struct, frozen=True):
-    """Series that are drawn of a finding."""
+    """Series to be drawn for a finding."""
 
     effect: str
     curve: Mismatch | None = None
@@ -92,7 +92,7 @@ class Course(Struct, frozen=True):
 
 
 class Residual(Struct, frozen=True, eq=False):
-    """Rms of the whitened data per block, before and after."""
+    """Rms of the whitened data per block, without and with the effects."""
 
     time_s: Array
     before: Array
@@ -103,7 +103,7 @@ class Residual(Struct, frozen=True, eq=False):
 
 
 class Bar(Struct, frozen=True):
-    """A figure of data that had no part in the fit, without and with the model."""
+    """A figure of held-out data, without and with the model."""
 
     name: str
     quantity: str
@@ -113,7 +113,7 @@ class Bar(Struct, frozen=True):
 
 
 class Spread(Struct, frozen=True, eq=False):
-    """Size of a channel's noise over the stated one, block by block."""
+    """Size of a channel's noise relative to the stated one, block by block."""
 
     channel: str
     time_s: Array

@@ -1,1 +1,1 @@
-"""The pictures, tables and sentences of a diagnosis, from its files."""
+"""Pictures, tables and sentences of a diagnosis, from its files."""

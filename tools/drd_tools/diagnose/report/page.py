@@ -13,13 +13,13 @@ from drd_tools.diagnose.results import Result
 from drd_tools.diagnose.series import Series
 from drd_tools.report.page import Page
 
-PICTURES: Final = ("finding_*.png", "scatter_*.png", "residual.png", "held_out.png")  # which a diagnosis may lack
+PICTURES: Final = ("finding_*.png", "scatter_*.png", "residual.png", "held_out.png")  # not in every diagnosis
 
 
 def write_report(folder: Path) -> list[Path]:
     """Draw `report.html` and its pictures into `folder`, from its diagnosis.json and series.json; return the files.
 
-    Raises ConfigError where one of the two is missing or not of its form, OSError where the folder cannot be written.
+    Raises ConfigError if one of the two is missing or malformed, OSError if the folder cannot be written.
     """
     d, s = files.load(folder)
     for old in (file for pattern in PICTURES for file in folder.glob(pattern)):

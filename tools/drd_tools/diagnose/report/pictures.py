@@ -16,19 +16,19 @@ from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_G
 WIDTH_IN: Final = 10.0  # a page's, inches
 MOST_PATHS: Final = 6  # more would hide each other
 MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
-ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: one wild bin would flatten all else
-MOST_BARRED: Final = 12  # recordings, whose bars a reader takes in; those of a hundred are taller than a PNG may be
-LONGEST_BAR: Final = 1.6  # of what it was before; a longer one is cut, its number stands beside it
+ROBUST: Final = (2.0, 98.0)  # percentiles that a picture shows: one outlier would flatten all else
+MOST_BARRED: Final = 12  # recordings, for legible bars; those of a hundred would be taller than a PNG may be
+LONGEST_BAR: Final = 1.6  # of the value before; a longer one is cut, with its number beside it
 ALONE: Final[dict[str, Any]] = {"color": BLUE, "linewidth": 1.6, "zorder": 3}  # the nominal path, if it is the only one
-FEW: Final = 4  # labels of an axis, which fit beside each other
-WORSE: Final = 1.02  # times what it was before: less than that is chance
+FEW: Final = 4  # labels that fit on an axis
+WORSE: Final = 1.02  # times the value before: less may be chance
 Windows = Sequence[Sequence[float]]
 
 
 def paths_picture(file: Path, recordings: Sequence[Drive], windows: Windows = ()) -> None:
     """Draw each path from above; with a reference, also the distance from it over time. Raises OSError.
 
-    `windows` (s) of findings are marked; they are the first recording's.
+    `windows` (s) of findings are marked on the first recording, to which they belong.
     """
     shown = recordings[:MOST_PATHS]
     has_reference = any(r.path.reference is not None for r in shown)
@@ -106,7 +106,7 @@ def finding_picture(
 ) -> None:
     """Draw the mismatch against its covariate, fitted curve and gain over time, where known. Raises OSError.
 
-    `path`: the drive's, for a map of the mismatch by place.
+    `path`: of the drive, for a map of the mismatch by place.
     """
     has_evidence = bool(evidence.time_s.size)
     with picture(file, WIDTH_IN, 4.0 if curve else 3.0) as figure:
@@ -152,7 +152,7 @@ def _curve(axes: Any, curve: Mismatch) -> None:
 
 
 def _zoom(axes: Any, curve: Mismatch) -> None:
-    """Limit the axis to all of the fit, and to the bins that are known as well as most are."""
+    """Limit the axis to the whole fit and the bins of typical uncertainty."""
     known = np.isfinite(curve.mismatch) & np.isfinite(curve.sigma)
     if known.any():
         known &= curve.sigma <= 3.0 * np.median(curve.sigma[known])
@@ -186,7 +186,7 @@ def residual_picture(file: Path, residual: Residual, has_findings: bool = True) 
 
 
 def scatter_picture(file: Path, noise: Scatter, spread: Spread) -> None:
-    """Draw a noise over its stated size: over time and, where one tells, by bins of a covariate. Raises OSError."""
+    """Draw a noise relative to its stated size: over time and, if known, by bins of a covariate. Raises OSError."""
     with picture(file, WIDTH_IN, 3.4) as figure:
         panels: Any = figure.subplots(1, 2 if noise.levels else 1, squeeze=False)[0]
         panels[0].plot(spread.time_s, spread.ratio, color=BLUE, linewidth=1.2, marker=".")
@@ -207,9 +207,9 @@ def scatter_picture(file: Path, noise: Scatter, spread: Spread) -> None:
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
-    """Draw for each quantity a bar before and one after, as shares of what it was before. Raises OSError.
+    """Draw for each quantity a bar before and one after, relative to the value before. Raises OSError.
 
-    Of more than MOST_BARRED recordings, a dot for each in place of the bars.
+    For more than MOST_BARRED recordings, draw a dot for each in place of the bars.
     """
     names = list(dict.fromkeys(row.name for row in rows))
     if len(names) > MOST_BARRED:
@@ -278,7 +278,7 @@ def _bars(axes: Any, place: float, row: Bar) -> None:
 
 
 def end_to_end(time_s: Array) -> tuple[Array, list[float]]:
-    """Times of several recordings one after the other, and where one ends and the next begins."""
+    """Times of several recordings laid end to end, and the seams between them."""
     back = np.flatnonzero(np.diff(time_s) < 0.0) + 1
     laid = time_s.astype(float)
     for k in back:

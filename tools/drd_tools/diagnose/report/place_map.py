@@ -10,12 +10,12 @@ from matplotlib.colors import Normalize
 from drd_tools.diagnose.series import Line, Mismatch
 from drd_tools.report.style import GREY, INK, MAP, tidy
 
-FULL_SIGMAS: Final = 2.0  # beyond which a colour is not paler
-LEAST_M: Final = 0.01  # a cell's side, where a drive has no width
+FULL_SIGMAS: Final = 2.0  # beyond which a colour has full strength
+LEAST_M: Final = 0.01  # side of a cell if a drive has no width
 
 
 def place_map(figure: Any, axes: Any, curve: Mismatch, path: Line | None, label: str) -> None:
-    """Draw the values at the knots of a square grid, between them as the model has it, bilinear; the path above."""
+    """Draw the values at the knots of a square grid, with the model's bilinear interpolation, and the path on top."""
     side = math.isqrt(len(curve.x))
     value, sigma = (v.reshape(side, side).T for v in (curve.mismatch, curve.sigma))
     value, sigma = np.nan_to_num(value), np.maximum(np.nan_to_num(sigma), 1e-12)

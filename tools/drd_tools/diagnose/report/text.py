@@ -1,4 +1,4 @@
-"""Tables and sentences of a diagnosis, from diagnosis.json and series.json, with its numbers as humans write them."""
+"""Tables and sentences of a diagnosis, from diagnosis.json and series.json, with formatted numbers."""
 
 import math
 from collections.abc import Iterable
@@ -61,7 +61,7 @@ FAULTS: Final = {
 SEGMENT_HEADER: Final = ("manoeuvre", "repetitions", "minutes")
 SETTLED_HEADER: Final = ("question", "probability of an answer", "expected evidence / nats")
 FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
-WHOLE: Final = 0.95  # of the recording: from here on a window is all of it
+WHOLE: Final = 0.95  # of the recording: a longer window counts as the whole
 
 
 def what_rows(findings: Iterable[Finding]) -> list[tuple[str, ...]]:
@@ -146,7 +146,7 @@ def ruled_out_rows(d: Result) -> list[tuple[str, str, str]]:
 
 
 def detectable_rows(d: Result) -> list[tuple[str, ...]]:
-    """Rows of smallest sizes, in the order of the catalogue, with the sizes that it holds for plausible."""
+    """Rows of smallest detectable sizes, in the catalogue's order, with its plausible sizes."""
     rows: list[tuple[str, ...]] = []
     for effect, found in sorted(d.detectable.items(), key=lambda item: _place(item[0])):
         unit, size = found.unit, found.smallest
@@ -183,7 +183,7 @@ def scatter_sentences(d: Result) -> list[str]:
 
 
 def reference_faults(d: Result) -> list[str]:
-    """Words for the reference's own faults, and for what is as well its own."""
+    """Words for the reference's own errors, and for effects attributed to it."""
     if isinstance(d.reference, UnsetType):
         return []
     # Without a deviation: counted, not fitted.
@@ -192,7 +192,7 @@ def reference_faults(d: Result) -> list[str]:
 
 
 def next_drive_sentences(d: Result) -> list[str]:
-    """Sentences on the next drive, and what it is for."""
+    """Sentences on the next drive and its purpose."""
     drive = d.next_drive
     if drive is None:
         return ["There is no open question that another drive would answer."]
@@ -267,13 +267,13 @@ def short_number(value: float) -> str:
 
 
 def rms(values: Array) -> float | None:
-    """Root mean square of the values that are numbers; None where none is."""
+    """Root mean square of the finite values; None if there is none."""
     known = [float(v) ** 2 for v in values if math.isfinite(v)]
     return math.sqrt(sum(known) / len(known)) if known else None
 
 
 def listed(words: Iterable[str], last: str = "and") -> str:
-    """Words in a row: one, two and three."""
+    """Join words: one, two and three."""
     all_words = list(words)
     return f" {last} ".join([", ".join(all_words[:-1]), all_words[-1]] if len(all_words) > 1 else all_words)
 
@@ -284,7 +284,7 @@ def percent(share: float) -> str:
 
 
 def length(metres: float) -> str:
-    """A length, in cm where it is small."""
+    """A length, in cm if it is small."""
     return f"{metres:.2g} m" if abs(metres) >= 0.995 else f"{100.0 * metres:.2g} cm"
 
 

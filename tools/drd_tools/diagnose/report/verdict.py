@@ -20,7 +20,7 @@ from drd_tools.diagnose.series import Series
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
-ALL: Final = 0.005  # less than this share is left
+ALL: Final = 0.005  # a smaller share counts as nothing left
 
 TITLES: Final = {
     Verdict.NOTHING: "nothing is missing",
@@ -37,7 +37,7 @@ def title(d: Result, names: Sequence[str]) -> str:
 
 
 def lead(d: Result, s: Series) -> list[str]:
-    """Summary in at most three sentences: what was found, how sure that is, what it explains and what is left."""
+    """Summary in at most three sentences: findings, their certainty, what they explain and what remains."""
     if not d.findings:
         return _nothing(d, s)
     return [_what(d.findings), _how_sure(d.findings), _what_is_left(d, s)]
@@ -140,12 +140,12 @@ def _outside(d: Result) -> list[str]:
 
 
 def _noise(d: Result) -> list[str]:
-    """Words for noise that is much larger than stated, of the sensors: it may be physics, too."""
+    """Words for sensor noise much larger than stated, which may be physics."""
     return [f"{noise.sentence} (taken for noise, may be physics)" for noise in d.scatter if noise.channel in ROBOT]
 
 
 def _share(d: Result) -> str:
-    """Words for how much is explained; where something has no name, the shares one by one."""
+    """Words for the share explained; with unnamed causes, the shares one by one."""
     findings, shares = d.findings, [f.explains for f in d.findings if f.explains is not None]
     if all(f.is_named for f in findings) and shares:
         who, ending = ("It explains", "s") if len(findings) == 1 else ("Together they explain", "")
@@ -161,7 +161,7 @@ def _share(d: Result) -> str:
 
 
 def _counted(findings: Sequence[Finding]) -> str:
-    """Names, those without one together."""
+    """Names, with unnamed causes combined."""
     names, unknown = [f.effect for f in findings if f.is_named], sum(not f.is_named for f in findings)
     if unknown:
         names.append("the unknown one" if unknown == 1 else f"{unknown} unknown ones")
