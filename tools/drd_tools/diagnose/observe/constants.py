@@ -160,7 +160,7 @@ def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constan
 
 
 def observe(recording: Recording) -> tuple[Constants, Audit]:
-    """Constants and events of a recording; intervals with a stopped counter are left out of the constants.
+    """Constants and events of a recording; stopped counters are reconstructed before the constants are measured.
 
     Raises ConfigError if there is nothing to compare, or sensors turn against each other.
     """
@@ -199,6 +199,6 @@ def _has_stopped(audited: Audit) -> bool:
 
 
 def _repaired(recording: Recording, measured: Constants, audited: Audit) -> Constants:
-    """The constants without the intervals of stopped counters; the recording itself stays unchanged."""
+    """Measure the constants with stopped counters reconstructed; the recording itself stays unchanged."""
     again = constants(repaired(recording, audited.evidence, audited.events, audited.tread))
     return replace(again, recording=replace(measured.recording, reference=again.recording.reference))

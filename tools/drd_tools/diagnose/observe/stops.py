@@ -82,7 +82,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread:
 
 
 def _share_a_turn(e: Evidence, a: "_Stop", b: "_Stop") -> bool:
-    """Whether both rests rest on the same turn between sparse fixes."""
+    """Whether both rests are inferred from the same turn between sparse fixes."""
     if e.gyro_rad is not None or float(np.median(np.diff(e.fix_time_s))) < LONGEST_FIX_S:
         return False
     (a0, a1), (b0, b1) = (np.searchsorted(e.fix_time_s, (stop.t0, stop.t1)) for stop in (a, b))
