@@ -1,4 +1,4 @@
-"""Which orders of the error function the data can tell, how each does on data sets it has not seen, and the choice."""
+"""Choice of the error function's order: which orders are observable, and how well each does on held-out data sets."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ from drd_tools.evaluate.metrics import rms
 ORDERS: Final = tuple(Order(rate, temperature) for rate in range(1, 6) for temperature in range(4))
 FOLDS: Final = 10
 TEMPERATURE_STEP_C: Final = 3.0  # a gyro that warms itself at one temperature of the chamber stays within it
-RATE_STEP: Final = 0.02  # of the whole range of rates
-LARGEST_LEVERAGE: Final = 25.0  # at a corner of the range: e is known five times worse there than one data set says
+RATE_STEP: Final = 0.02  # fraction of the whole range of rates
+LARGEST_LEVERAGE: Final = 25.0  # at a corner of the range: e is five times less certain there than one data set
 POWERS: Final = {1: "linear", 2: "quadratic", 3: "cubic", 4: "fourth-order", 5: "fifth-order"}
 NUMBERS: Final = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five"}
 
 
 class NotObservableError(Exception):
-    """The data cannot determine what was asked; the text is the reason and what to do."""
+    """The data cannot determine what was requested; the text gives the reason and a remedy."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An order of the error function; `reason` says why it was not tried, otherwise the numbers are there.
+    """An order of the error function, with its residuals, or with the `reason` why it was not tried.
 
-    `residual_deg_s`: shape (n,), of each of the data sets `unseen` by a fit that had not seen it; rejected ones are
-    left out. `new_residual_deg_s`: shape (m,), of the separate new data, by the fit to all data sets.
+    `residual_deg_s`: shape (n,), held-out residual of each data set in `unseen`, which has no rejected ones.
+    `new_residual_deg_s`: shape (m,), residuals of the separate new data under the fit to all data sets.
     """
 
     order: Order
@@ -60,7 +60,7 @@ class Candidate:
 
 
 def levels(values: Array, step: float) -> list[float]:
-    """The distinct settings among `values`: their means, the groups being at least `step` from start to start."""
+    """Distinct settings among `values`: means of groups whose smallest values are at least `step` apart."""
     groups: list[list[float]] = []
     for value in np.sort(values).tolist():
         if not groups or value - groups[-1][0] >= step:
@@ -80,7 +80,7 @@ def temperature_levels(data: DataSets) -> list[float]:
 
 
 def why_not_observable(data: DataSets, order: Order) -> str:
-    """The reason why the data sets do not determine this order; empty where they do."""
+    """Reason why the data sets do not determine this order; empty if they do."""
     checks = (
         (temperature_levels(data), order.temperature, "temperature", "degC"),
         (rate_levels(data), order.rate, "rate", "deg/s"),
@@ -106,7 +106,7 @@ def why_not_observable(data: DataSets, order: Order) -> str:
 
 
 def require_observable(data: DataSets, order: Order) -> None:
-    """Raises NotObservableError with the reason and the largest order that the data would determine."""
+    """Raise NotObservableError, with the reason and the largest order that the data determine."""
     reason = why_not_observable(data, order)
     if not reason:
         return
@@ -127,10 +127,10 @@ def compare(
     orders: Sequence[Order] = ORDERS,
     progress: Callable[[Iterable[Order]], Iterable[Order]] = lambda orders: orders,
 ) -> list[Candidate]:
-    """Fit each order and try it on data sets that it has not seen (tenfold cross-validation over whole data sets).
+    """Fit each order and test it on held-out data (tenfold cross-validation over whole data sets).
 
-    Data sets that the largest observable order of the file's form rejects are out for all. `progress` may wrap the
-    orders. A candidate that cannot be tried has its reason.
+    Data sets rejected by the largest observable order that fits in the file are left out for all orders. `progress`
+    may wrap the orders. A candidate that cannot be tried states why.
     """
     reasons = {order: why_not_observable(data, order) for order in orders}
     kept = _not_rejected(data, [order for order in orders if not reasons[order]])
@@ -150,7 +150,7 @@ def compare(
 
 
 def _not_rejected(data: DataSets, observable: Sequence[Order]) -> DataSets:
-    """Those that the largest of these orders that the file can hold does not reject."""
+    """Data sets that the largest of these orders, among those that fit in the file, does not reject."""
     fitting = [order for order in observable if order.fits_in_file]
     if not fitting:
         return data
@@ -158,7 +158,7 @@ def _not_rejected(data: DataSets, observable: Sequence[Order]) -> DataSets:
 
 
 def held_out(data: DataSets, order: Order, folds: Counts) -> Array:
-    """Residual of each data set by a fit to those of the other folds, shape (n,). Raises ValueError."""
+    """Residual of each data set under a fit to the other folds, shape (n,). Raises ValueError."""
     residual = np.empty(len(data))
     for fold in np.unique(folds):
         out = folds == fold
@@ -167,9 +167,9 @@ def held_out(data: DataSets, order: Order, folds: Counts) -> Array:
 
 
 def recommend(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """The simplest that is within one standard error of the best, and why. (Breiman and others 1984)
+    """Choose the simplest order within one standard error of the best, and say why. (Breiman and others 1984)
 
-    Only orders that the calibration file can hold. Raises NotObservableError where none was tried.
+    Only orders that fit in the calibration file are considered. Raises NotObservableError if none was tried.
     """
     tried = [c for c in candidates if c.fitted is not None and c.order.fits_in_file]
     if not tried:
@@ -190,7 +190,7 @@ def recommend(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
 
 
 def beyond_the_file(candidates: Sequence[Candidate], chosen: Candidate) -> str:
-    """Sentence on what a higher order than the file's would bring; empty where none was tried."""
+    """Sentence on what an order too high for the file would gain; empty if none was tried."""
     higher = [c for c in candidates if c.fitted is not None and not c.order.fits_in_file]
     if not higher:
         return ""

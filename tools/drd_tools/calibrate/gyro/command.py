@@ -77,7 +77,7 @@ def main(argv: list[str]) -> int:
 
 
 def calibrate(tables: Sequence[RateTable], arguments: argparse.Namespace) -> GyroResult:
-    """Fit and judge the orders. Raises ConfigError for bad data, NotObservableError where they do not suffice."""
+    """Fit and evaluate the orders. Raises ConfigError for bad data, NotObservableError if they do not suffice."""
     data = data_sets(tables, arguments.settle, arguments.latitude)
     new_tables = [read_rate_table(file) for file in files_in(arguments.held_out)]
     _refuse_shared(tables, new_tables)
@@ -108,7 +108,7 @@ def calibrate(tables: Sequence[RateTable], arguments: argparse.Namespace) -> Gyr
 
 
 def _evaluation(new: DataSets | None, chosen: Candidate, fitted: ErrorFunction) -> tuple[Evaluation, int]:
-    """Judge on the new data within the valid range where there are some, otherwise by cross-validation."""
+    """Evaluate on the new data within the valid range if there are any, otherwise by cross-validation."""
     if new is None:
         assert chosen.unseen is not None
         assert chosen.residual_deg_s is not None
@@ -119,7 +119,7 @@ def _evaluation(new: DataSets | None, chosen: Candidate, fitted: ErrorFunction) 
         (new.rate_deg_s, fitted.rate_range_deg_s),
         (new.temperature_c, fitted.temperature_range_c),
     ):
-        margin = 0.02 * (high - low)  # the same settings again are never met exactly
+        margin = 0.02 * (high - low)  # settings are never repeated exactly
         inside &= (values >= low - margin) & (values <= high + margin)
     if not inside.any():
         raise NotObservableError("no new data set lies within the rates and temperatures of the calibration")
@@ -190,7 +190,7 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
     add("--live", type=Path, metavar="CONFIG", help="first record from the gyro of this configuration")
     add("--rates", type=_rates, metavar="R,R,...", help="with --live: the table's rates in deg/s, step by step")
     add("--seconds", type=number(1, 36000), default=30.0, metavar="S", help="with --live: at each rate (default 30)")
-    if "--rates" in argv[:-1]:  # argparse takes "-100,0,100" for an option
+    if "--rates" in argv[:-1]:  # argparse mistakes "-100,0,100" for an option
         k = argv.index("--rates")
         argv = [*argv[:k], f"--rates={argv[k + 1]}", *argv[k + 2 :]]
     arguments = parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""Data sets: the gyro on a rate table at one rate and about one temperature, each reduced to robust means. (4)"""
+"""Data sets: the gyro on a rate table at one rate and nearly one temperature, reduced to robust means. (4)"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -13,8 +13,8 @@ from drd_tools import robust
 Counts = npt.NDArray[np.int64]
 
 SETTLE_S: Final = 1.0
-MAX_SPREAD_C: Final = 2.0  # a dwell whose temperature moves further is cut: 0.02 % of scale at the paper's 2 % p-p
-MIN_SAMPLES: Final = 10  # fewer do not tell their own scatter to better than a quarter
+MAX_SPREAD_C: Final = 2.0  # a dwell whose temperature varies more is cut: 0.02 % of scale at the paper's 2 % p-p
+MIN_SAMPLES: Final = 10  # fewer determine their own scatter to no better than a quarter
 SPIKE_SIGMA: Final = 5.0
 USUAL_STEPS_C: Final = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02, 0.01)
 
@@ -23,10 +23,10 @@ USUAL_STEPS_C: Final = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02, 0.01)
 class DataSets:
     """Means of n data sets, each array of shape (n,). The error is `rate_deg_s - table_rate_deg_s`. (1)
 
-    `sigma_deg_s`: standard deviation of the mean reading, from the samples' scatter; `temperature_sigma_c`: of the
-    temperature, from the sensor's resolution (its reading is then centred on the truth). `count`: samples in the mean;
-    `spikes`: samples left out of it. `label`: where the data set comes from. Raises ValueError for other shapes,
-    for what is not finite, and unless sigma is positive and the temperature's at least zero.
+    `sigma_deg_s`: standard deviation of the mean reading, from the samples' scatter; `temperature_sigma_c`: that of the
+    temperature, from the sensor's resolution (assuming readings centred on the truth). `count`: samples in the mean;
+    `spikes`: samples left out of it. `label`: source of the data set. Raises ValueError for other shapes,
+    non-finite values, a sigma that is not positive, or a negative temperature sigma.
     """
 
     table_rate_deg_s: Array
@@ -92,10 +92,10 @@ def data_sets_of_samples(
             good = _without_spikes(rate, step_deg_s)
             count = int(good.sum())
             table, temperature = float(table_rate_deg_s[piece][good].mean()), float(temperature_c[piece].mean())
-            if np.ptp(temperature_c[piece]) > MAX_SPREAD_C:  # what is left after the cutting are spikes
+            if np.ptp(temperature_c[piece]) > MAX_SPREAD_C:  # after the cutting, only spikes are left
                 temperature = float(np.median(temperature_c[piece]))
             scatter = float(rate[good].std(ddof=1))
-            # A temperature that runs through several steps is known better than one that stays on one.
+            # A temperature that passes through several steps is better known than one that stays at one.
             steps = max(1.0, float(np.ptp(temperature_c[piece])) / step_c) if step_c else 1.0
             temperature_sigma = step_c / np.sqrt(12.0) / steps
             rate_mean = float(rate[good].mean())
@@ -103,7 +103,7 @@ def data_sets_of_samples(
             labels.append(describe(low, high))
     columns = np.array(rows, dtype=np.float64).reshape(-1, 7).T
     count = columns[5].astype(np.int64)
-    # A scatter far below the others' is luck or quantisation: the mean is not that good.
+    # A scatter far below the others' is chance or quantisation: the mean is not that accurate.
     floor = max(0.5 * float(np.median(columns[3])) if rows else 0.0, step_deg_s / np.sqrt(12.0), 1e-9)
     sigma = np.maximum(columns[3], floor) / np.sqrt(np.maximum(count, 1))
     spikes = columns[6].astype(np.int64)
@@ -111,14 +111,14 @@ def data_sets_of_samples(
 
 
 def resolution_deg_s(rate_deg_s: Array) -> float:
-    """The step between two readings of the gyro: the smallest difference that occurs; 0 where none does."""
+    """Resolution of the gyro: the smallest difference between readings; 0 if there is none."""
     steps = np.diff(np.unique(rate_deg_s))
-    steps = steps[steps > 1e-6]  # below are the decimals of a text file
+    steps = steps[steps > 1e-6]  # smaller ones come from a text file's decimals
     return float(steps.min()) if len(steps) else 0.0
 
 
 def resolution_c(temperature_c: Array) -> float:
-    """The step between two readings of a thermometer: the coarsest of the usual ones that fits; 0 where none does."""
+    """Resolution of a thermometer: the coarsest usual step that fits its readings; 0 if none does."""
     for step in USUAL_STEPS_C:
         if np.abs(temperature_c - step * np.round(temperature_c / step)).max(initial=0.0) < 1e-6:
             return step
@@ -151,7 +151,7 @@ def _pieces(temperature_c: Array, first: int, last: int) -> Iterator[tuple[int, 
 
 
 def _without_spikes(rate_deg_s: Array, step_deg_s: float) -> npt.NDArray[np.bool_]:
-    """True where a sample is no spike: within five robust standard deviations, and two steps, of the median."""
+    """True where a sample is no spike: within five robust standard deviations, or two steps, of the median."""
     deviation = np.abs(rate_deg_s - np.median(rate_deg_s))
     scale = robust.deviation(deviation, 0.0) or float(deviation.mean())
     return deviation <= max(SPIKE_SIGMA * scale, 2.0 * step_deg_s)

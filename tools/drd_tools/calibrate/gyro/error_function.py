@@ -20,8 +20,8 @@ from drd_tools.calibrate.gyro.data_sets import DataSets
 HUBER: Final = 1.345  # 95 % efficient for normal errors, Huber (1981)
 REJECT_SIGMA: Final = 6.0
 MAX_ITERATIONS: Final = 50
-MIN_SPARE: Final = 4  # data sets beyond the number of coefficients; with fewer the scatter is a guess
-MIN_WIDTH_C: Final = 1.0  # KVH's sensors speak in whole degrees
+MIN_SPARE: Final = 4  # data sets in excess of the coefficients; with fewer the scatter is a guess
+MIN_WIDTH_C: Final = 1.0  # KVH's sensors report whole degrees
 
 _PHI = math.exp(-0.5 * HUBER**2) / math.sqrt(2.0 * math.pi)
 _TAIL = 0.5 * math.erfc(HUBER / math.sqrt(2.0))
@@ -45,7 +45,7 @@ class Order(NamedTuple):
 
     @property
     def fits_in_file(self) -> bool:
-        """True where the calibration file, and so the daemon, can hold it."""
+        """True if the calibration file, and so the daemon, can hold this order."""
         return self.rate <= FILE_ORDER.rate and self.temperature <= FILE_ORDER.temperature
 
 
@@ -58,8 +58,8 @@ class ErrorFunction:
 
     `coefficients`: raw powers, shape (rate + 1, temperature + 1); `covariance`: square, in the order of
     `coefficients.ravel()`. `scaled_*`: the same for u, v in [-1, 1], in which it is evaluated. `between_deg_s`:
-    scatter of the data sets that their own samples do not explain (lack of fit, temperature, the table).
-    `weights`: shape (n,), of the data sets, 0 where rejected. `condition_*`: condition numbers of the regressors.
+    scatter between data sets beyond that of their own samples (lack of fit, temperature, the table).
+    `weights`: shape (n,), one for each data set, 0 if rejected. `condition_*`: condition numbers of the regressors.
     """
 
     order: Order
@@ -75,12 +75,12 @@ class ErrorFunction:
     condition_raw: float
 
     def error_deg_s(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> Array:
-        """Evaluate e(w, T), shape of the two broadcast; beyond the range it is extrapolated. (5)"""
+        """Evaluate e(w, T), broadcasting the two; extrapolate beyond the range. (5)"""
         regressors, shape = self._regressors(rate_deg_s, temperature_c)
         return np.asarray((regressors @ self.scaled_coefficients).reshape(shape))
 
     def sigma_deg_s(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> Array:
-        """Standard deviation of e(w, T) from the coefficients' covariance, shape of the two broadcast."""
+        """Standard deviation of e(w, T) from the coefficients' covariance, broadcasting the two."""
         regressors, shape = self._regressors(rate_deg_s, temperature_c)
         variance = np.einsum("ni,ij,nj->n", regressors, self.scaled_covariance, regressors)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(shape))
@@ -92,7 +92,7 @@ class ErrorFunction:
     def calibration(
         self, residual_deg_s: float, provenance: dict[str, str], residual_before_deg_s: float | None = None
     ) -> Calibration:
-        """Make what the daemon loads. Raises ValueError where the order does not fit in the file's form."""
+        """Make the calibration that the daemon loads. Raises ValueError if the order does not fit in its file."""
         if not self.order.fits_in_file:
             raise ValueError(f"order {self.order}: a calibration file holds up to {FILE_ORDER}")
         i, j = self.coefficients.shape
@@ -120,9 +120,9 @@ class ErrorFunction:
 def fit_error_function(data: DataSets, order: Order | tuple[int, int] = FILE_ORDER) -> ErrorFunction:
     """Fit by iteratively reweighted least squares. (2) to (5), (47), (48)
 
-    Each data set counts with its own variance plus one between the data sets, which makes chi-square what it should
-    be (Paule and Mandel 1982), with Huber's weights; beyond six studentised sigma it is rejected and the fit
-    repeated. Raises ValueError where data sets are too few or do not determine the coefficients.
+    Each data set's variance is its own plus one between data sets, chosen so that chi-square has its expected value
+    (Paule and Mandel 1982), with Huber's weights; beyond six studentised sigma it is rejected and the fit
+    repeated. Raises ValueError if the data sets are too few or do not determine the coefficients.
     """
     order = Order(*order)
     _require_enough(data, order)
@@ -160,7 +160,7 @@ def fit_error_function(data: DataSets, order: Order | tuple[int, int] = FILE_ORD
 
 
 def corner_leverage(data: DataSets, order: Order) -> tuple[float, float, float]:
-    """The largest variance of e at a corner of the covered range, in units of one data set's, and that corner.
+    """Largest variance of e at a corner of the covered range, relative to one data set's, and that corner.
 
     Returns leverage, rate in deg/s, temperature in degC. Raises ValueError as `fit_error_function` does.
     """
@@ -198,9 +198,9 @@ class _Fit(NamedTuple):
 
 
 def _huber_fit(X: Array, X_T: Array, e: Array, sigma: Array) -> _Fit:
-    """Huber's M-estimate with the variance between data sets as its scale ("proposal 2", Huber 1981). (48)
+    """Compute Huber's M-estimate, with the variance between data sets as its scale ("proposal 2", Huber 1981). (48)
 
-    `X_T @ beta` is the error that the temperature's standard deviation makes.
+    `X_T @ beta` is the error caused by one standard deviation of the temperature.
     """
     n, p = X.shape
     weights: Array = np.ones(n)
@@ -226,7 +226,7 @@ def _huber_fit(X: Array, X_T: Array, e: Array, sigma: Array) -> _Fit:
     # Huber (1981), 7.6: covariance of the M-estimate. The data sets' own scatter is its lower limit.
     inlying = float(np.mean(np.abs(u) <= HUBER))
     psi_square = max(float(np.sum(np.minimum(u**2, HUBER**2))) / (n - p), HUBER_MEAN_SQUARE)
-    if between > 0.0:  # the scale is known from n - p residuals only: the variance of Student's t
+    if between > 0.0:  # the scale comes from only n - p residuals: the variance of Student's t
         psi_square *= (n - p) / (n - p - 2)
     factor = (1.0 + p / n * (1.0 - inlying) / inlying) ** 2 * psi_square / inlying**2
     leverage = np.einsum("ij,ij->i", Q, Q)
@@ -236,7 +236,7 @@ def _huber_fit(X: Array, X_T: Array, e: Array, sigma: Array) -> _Fit:
 
 
 def _between_variance(residual: Array, own: Array, p: int) -> float:
-    """The variance that, added to the data sets' own, makes the residuals as large as expected; 0 where none is."""
+    """Variance between data sets that, added to their own, explains the residuals; 0 if none is needed."""
     target = HUBER_MEAN_SQUARE * (len(residual) - p)
     square = residual**2
 
@@ -277,7 +277,7 @@ def _scaled(values: Array, limits: tuple[float, float]) -> Array:
 
 
 def _powers_of_scaled(limits: tuple[float, float], order: int) -> Array:
-    """Matrix that turns coefficients of the scaled variable's powers into those of the raw one's; exact."""
+    """Matrix that converts coefficients of powers of the scaled variable to those of the raw one, exactly."""
     low, high = limits
     slope, start = 2.0 / (high - low), -(low + high) / (high - low)
     matrix = np.zeros((order + 1, order + 1))

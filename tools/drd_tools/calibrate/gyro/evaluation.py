@@ -1,4 +1,4 @@
-"""How good a calibration is: errors of data sets that it has not seen, before and after."""
+"""Accuracy of a calibration: errors of held-out data sets, before and after the correction."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -26,7 +26,7 @@ class Evaluation:
 
     @property
     def before_deg_s(self) -> Array:
-        """Errors of the readings as they are. (1)"""
+        """Errors of the uncorrected readings. (1)"""
         return self.data.error_deg_s
 
     @property
@@ -35,19 +35,19 @@ class Evaluation:
         return rms(self.before_deg_s) / max(rms(self.after_deg_s), 1e-300)
 
     def factor_range(self) -> tuple[float, float]:
-        """95 % interval of `factor`, from drawing the data sets anew (bootstrap, fixed seed)."""
+        """95 % interval of `factor`, by resampling the data sets (bootstrap, fixed seed)."""
         draws = np.random.default_rng(1).integers(0, len(self.data), (RESAMPLES, len(self.data)))
         before, after = (np.sqrt(np.mean(x[draws] ** 2, axis=1)) for x in (self.before_deg_s, self.after_deg_s))
         low, high = np.percentile(before / np.maximum(after, 1e-300), (2.5, 97.5))
         return float(low), float(high)
 
     def without_static_bias(self) -> tuple[float, float] | None:
-        """Rms before and after once the error of the standing table at the same temperature is taken off both.
+        """Rms errors before and after, both less the error at standstill at the same temperature.
 
-        The daemon does so at its start, so this is what the calibration is worth to it. None where some data set has
+        The daemon removes that error at its start, so this is its gain from the calibration. None if some data set has
         none at standstill within 3 degC.
         """
-        still = np.flatnonzero(np.abs(self.data.table_rate_deg_s) < 0.01)  # the Earth's rate may be in it
+        still = np.flatnonzero(np.abs(self.data.table_rate_deg_s) < 0.01)  # the Earth's rate may be included
         if not len(still):
             return None
         distance = np.abs(self.data.temperature_c[:, None] - self.data.temperature_c[still])

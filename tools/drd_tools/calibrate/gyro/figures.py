@@ -18,7 +18,7 @@ POINTS = 200
 
 
 def error_over_rate(file: Path, fitted: ErrorFunction, data: DataSets, residual_deg_s: float) -> float:
-    """Draw figure 1: the error against the rate at a middle temperature, and what the fit leaves. Returns that degC."""
+    """Draw figure 1: error against rate at a middle temperature, and the residual. Returns that temperature, degC."""
     groups = temperature_levels(data)
     middle = groups[len(groups) // 2]
     near = np.argmin(np.abs(data.temperature_c[:, None] - np.array(groups)), axis=1) == len(groups) // 2
@@ -66,9 +66,9 @@ def error_over_temperature(file: Path, fitted: ErrorFunction, data: DataSets) ->
 
 
 def _error_at(fitted: ErrorFunction, table_rate_deg_s: float, temperature_c: Array) -> Array:
-    """The error at a true rate; the error function takes the reading, which holds the error itself. (1), (5)"""
+    """Error at a true rate; the error function takes the reading, which includes the error. (1), (5)"""
     error = np.zeros_like(temperature_c)
-    for _ in range(20):  # converges by a factor of about a hundred each
+    for _ in range(20):  # each gains a factor of about a hundred
         error = fitted.error_deg_s(table_rate_deg_s + error, temperature_c)
     return error
 

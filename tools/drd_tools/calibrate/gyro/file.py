@@ -1,4 +1,4 @@
-"""The calibration file as text: written so that the daemon's own loader reads the same numbers."""
+"""Writer of the calibration file, from which the daemon's loader reads exactly the same numbers."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ HEAD = """\
 
 
 def write_calibration(file: Path, calibration: Calibration) -> None:
-    """Write what `drd.estimation.calibration.load_calibration` reads. Raises OSError."""
+    """Write the file that `drd.estimation.calibration.load_calibration` reads. Raises OSError."""
     data: dict[str, object] = {
         "format": FORMAT,
         "error_deg_s": {f"a{i}": list(row) for i, row in enumerate(calibration.rows)},

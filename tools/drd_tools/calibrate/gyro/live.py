@@ -1,4 +1,4 @@
-"""Recording at a rotary table: step by step, each rate into a file of its own."""
+"""Recording on a rotary table, step by step, one file per rate."""
 
 import math
 import sys
@@ -16,22 +16,22 @@ from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFil
 
 HEADER: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")
 ENOUGH_PART: Final = 0.8
-# The gyro's scale is known to 1 %, the table's rate is only read off: what is further away is another rate.
+# The gyro's scale is known to 1 % but the table's rate is only read off: a larger difference is another rate.
 MEAN_PART: Final = 0.2
 # At rest the mean is the bias and the Earth's rate.
 MEAN_AT_REST_DEG_S: Final = 1.0
-# A table that is steady to less is no reference; a gyro scatters by 0.1 deg/s or so.
+# A table less steady than this is no reference; a gyro scatters by 0.1 deg/s or so.
 SCATTER_PART: Final = 0.05
 SCATTER_DEG_S: Final = 0.5
 
 
 def record_steps(config_file: Path, folder: Path, rates_deg_s: Sequence[float], seconds: float) -> list[Path]:
-    """Lead the user through the table's rates (deg/s, counter-clockwise positive); record `seconds` at each.
+    """Guide the user through the table's rates (deg/s, counter-clockwise positive); record `seconds` at each.
 
     Asks on standard input: Enter records, s skips the rate, q ends. Each step becomes a CSV file in `folder` with
     the columns HEADER, in which the rate is the daemon's before bias and calibration (counter-clockwise positive,
-    after sign and axis) and the temperature is empty where the gyro sends none. Returns the files that were kept.
-    Raises ConfigError where the configuration or the folder cannot be used.
+    after sign and axis) and the temperature is empty if the gyro sends none. Returns the files that were kept.
+    Raises ConfigError if the configuration or the folder cannot be used.
     """
     config = load_config(config_file).value
     gyro_of(config, str(config_file))
@@ -58,7 +58,7 @@ def record_steps(config_file: Path, folder: Path, rates_deg_s: Sequence[float], 
 
 
 def _step(config: Config, file: Path, rate_deg_s: float, seconds: float) -> str:
-    """One rate, as often as the user wants it repeated. Returns "" (kept), "s" or "q"; only then is there a file."""
+    """Record one rate, repeating it as the user wishes. Returns "" (kept, the only case with a file), "s" or "q"."""
     while True:
         answer = _ask(
             f"Set the table to {rate_deg_s:+g} deg/s, wait until it is steady, press Enter (s: skip, q: quit) "
@@ -128,7 +128,7 @@ def _summary(file: Path, progress: Progress) -> str:
 
 
 def _ask(question: str) -> str:
-    """The answer's first letter in lower case, "" for Enter; the end of the input, or Ctrl-C, is a q."""
+    """First letter of the answer, in lower case; "" for Enter, "q" for Ctrl-C or the end of the input."""
     try:
         return input(question).strip().lower()[:1]
     except (EOFError, KeyboardInterrupt):

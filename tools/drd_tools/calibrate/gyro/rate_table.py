@@ -1,4 +1,4 @@
-"""Rate-table recordings: read, and refused where they cannot be what they claim to be."""
+"""Reader of rate-table recordings, which refuses those whose columns are implausible."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ from drd_tools.recordings.folder import file_hash, finite, read_table
 COLUMNS: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")
 TURNS_DEG_S: Final = 1.0  # a table whose rate varies less never turned
 EARTH_RATE_DEG_H: Final = 15.041
-LARGEST_SCALE_ERROR: Final = 0.2  # ten times Table I's: beyond it the columns or units are wrong
+LARGEST_SCALE_ERROR: Final = 0.2  # ten times that of Table I: beyond it the columns or units are wrong
 WORKING_RANGE_C: Final = (-60.0, 125.0)  # of any electronics
 
 
@@ -34,7 +34,7 @@ class RateTable:
 
 
 def files_in(paths: Iterable[Path]) -> list[Path]:
-    """List the files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
+    """List the files, and the *.csv of each folder, sorted by name. Raises ConfigError."""
     files: list[Path] = []
     for path in paths:
         found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -49,7 +49,7 @@ def files_in(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_rate_table(file: Path) -> RateTable:
-    """Read columns in any order; others are ignored. Raises ConfigError with file, line and column."""
+    """Read the columns, in any order; ignore others. Raises ConfigError with file, line and column."""
     table = read_table(file, (COLUMNS,), among=True, cells={"temperature_c": _temperature_c})
     time_s, table_rate_deg_s, rate_deg_s, temperature_c = table.values.T
     return RateTable(file, time_s, table_rate_deg_s, rate_deg_s, temperature_c, file_hash(file))
@@ -63,9 +63,9 @@ def _temperature_c(cell: str) -> float:
 
 
 def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:
-    """Make the checked data sets of the files. With a latitude the laboratory's turn is part of the true rate. (46)
+    """Check the files and make their data sets. With a latitude, the Earth's rate is added to the true rate. (46)
 
-    Raises ConfigError where the columns contradict each other or no data set is left.
+    Raises ConfigError if the columns contradict each other or no data set is left.
     """
     for table in tables:
         _check_columns(str(table.file), [table])
@@ -103,7 +103,7 @@ def _data_sets_of(table: RateTable, settle_s: float) -> DataSets:
 
 
 def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
-    """Refuse swapped columns: they show in what follows what, and in which column is held from row to row."""
+    """Refuse swapped columns, judged by which columns are correlated and which is constant from row to row."""
     w, g, T = (
         np.concatenate([getattr(table, name) for table in tables])
         for name in ("table_rate_deg_s", "rate_deg_s", "temperature_c")
@@ -122,10 +122,10 @@ def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
 
 
 def _check_slope(where: str, data: DataSets) -> None:
-    """Refuse a gyro that does not read what the table does, to 20 %."""
+    """Refuse a gyro whose readings differ from the table's rates by more than 20 % in scale."""
     if len(data) < 2 or np.ptp(data.table_rate_deg_s) < TURNS_DEG_S:
         return
-    few = data.select(np.unique(np.linspace(0, len(data) - 1, 400).astype(np.int64)))  # the slope takes all pairs
+    few = data.select(np.unique(np.linspace(0, len(data) - 1, 400).astype(np.int64)))  # theilslopes compares all pairs
     slope = float(theilslopes(few.rate_deg_s, few.table_rate_deg_s)[0])
     if abs(slope - 1.0) <= LARGEST_SCALE_ERROR:
         return
@@ -150,13 +150,13 @@ def _check_temperature(tables: Sequence[RateTable]) -> None:
 
 
 def _span(values: Array) -> float:
-    """Range of the values without the few percent of spikes."""
+    """Range of the values, leaving out a few percent as spikes."""
     low, high = np.percentile(values, (1.0, 99.0))
     return float(high - low)
 
 
 def _is_same_quantity(a: Array, b: Array) -> bool:
-    """True where one follows the other with a slope of about 1 or -1; a temperature that only drifts along does not."""
+    """True if one follows the other with a slope near 1 or -1, unlike a temperature that merely drifts along."""
     a, b = (np.clip(x, *np.percentile(x, (2.0, 98.0))) for x in (a, b))  # without the few percent of spikes
     if min(a.std(), b.std()) < 1e-9:
         return False

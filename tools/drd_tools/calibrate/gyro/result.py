@@ -1,4 +1,4 @@
-"""What a calibration of the gyro found, as numbers and as the sentences and tables that terminal and report share."""
+"""Result of a gyro calibration: numbers, and the sentences and tables that terminal and report share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from drd_tools.evaluate.metrics import rms
 Rows = list[list[str]]
 CANDIDATE_HEADER = ("order", "coefficients", "held-out / deg/s", "+-", "against chosen", "new data / deg/s", "")
 POWERS = ("1", "w", "w^2", "w^3"), ("1", "T", "T^2")
-MUCH = 3.0  # lack of fit beside noise: worth a sentence
+MUCH = 3.0  # lack of fit over noise that is worth a sentence
 
 
 @dataclass(frozen=True)
 class GyroResult:
-    """The chosen error function, the candidates beside it, and its evaluation on unseen data sets.
+    """The chosen error function, all candidates, and its evaluation on held-out data sets.
 
-    `inputs`: each file and its SHA-256; `forced`: the order was asked for; `outside`: new data sets beyond the range.
+    `inputs`: each file and its SHA-256; `forced`: the user set the order; `outside`: new data sets beyond the range.
     """
 
     inputs: Sequence[tuple[Path, str]]
@@ -72,7 +72,7 @@ class GyroResult:
         return [line for line in (*lines, beyond_the_file(self.candidates, self.chosen)) if line]
 
     def notes(self) -> list[str]:
-        """Sentences that a reader has to know before believing the calibration."""
+        """Caveats of the calibration, as sentences."""
         noise = float(np.median(self.data.sigma_deg_s))
         lines = [
             f"The Earth's rate at latitude {self.latitude_deg:g} deg was added to the table's: "
@@ -116,7 +116,7 @@ class GyroResult:
         return rows
 
     def coefficient_rows(self) -> Rows:
-        """Term, coefficient, sigma, and how many sigma it is from zero."""
+        """Rows of name, term, value, sigma, and distance from zero in sigmas."""
         sigma = np.sqrt(np.diag(self.fitted.covariance)).reshape(self.fitted.coefficients.shape)
         rows = []
         for (i, j), value in np.ndenumerate(self.fitted.coefficients):
@@ -125,7 +125,7 @@ class GyroResult:
         return rows
 
     def outlier_rows(self) -> Rows:
-        """Rejected data sets: where from, what was read, how far off it was."""
+        """Rejected data sets: source, rate and temperature, error, and residual."""
         residual = self.fitted.residual_deg_s(self.data)
         return [
             [self.data.label[k], self._place(self.data, k), f"{self.data.error_deg_s[k]:+.4f}", f"{residual[k]:+.4f}"]

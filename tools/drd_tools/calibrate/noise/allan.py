@@ -19,16 +19,16 @@ from drd.arrays import Array
 
 TERMS: Final = "QNBKR"
 Q, N, B, K, R = range(5)
-FLOOR: Final = 2.0 * math.log(2.0) / math.pi  # Allan variance of flicker of B = 1: a floor at 0.664 B
+FLOOR: Final = 2.0 * math.log(2.0) / math.pi  # Allan variance of flicker with B = 1: a floor at 0.664 B
 # Power-law exponent of the frequency noise with the slope of each term, for the degrees of freedom.
 ALPHA: Final = (2, 0, -1, -2, -2)
 CONFIDENCE: Final = 0.90
-# Averages longer than a third of the log have no more than about two independent differences.
+# Averages over more than a third of the log have at most about two independent differences.
 LONGEST_PART: Final = 3
-# Blocks that the log is cut into for the long averaging times; the intervals are simulated with as many.
+# Number of blocks that the log is cut into for long averaging times; the intervals are simulated with as many.
 MAX_BLOCKS: Final = 8192
 ITERATIONS: Final = 4
-# Slopes of the curve are compared where they are known to 0.2, and differ by more than twice their deviations.
+# Slopes of the curve are compared if known to 0.2; a difference must exceed twice its standard deviation.
 TELLING_EDF: Final = 300.0
 SURELY: Final = 2.0
 OCTAVE: Final = 2  # averaging times
@@ -40,9 +40,9 @@ TINY: Final = 1e-40
 class Curve:
     """Overlapping Allan deviation at `factors * interval_s`, shape (k,), with 90 % limits. rad/s and s.
 
-    It begins where a filter in the gyro does not show any more; without one at a single sample.
-    `edf`: degrees of freedom of each point if the noise were each of TERMS, shape (k, 5). `block`: the averaging
-    factors from here on are whole multiples of it.
+    It begins where a filter in the gyro no longer shows, or at a single sample if there is no filter.
+    `edf`: degrees of freedom of each point if the noise were each of TERMS, shape (k, 5). `block`: averaging factors
+    of this size and more are whole multiples of it.
     """
 
     interval_s: float
@@ -62,7 +62,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Fit:
-    """Squared coefficients of TERMS (SI), shape (5,), the terms that were allowed, and the model's variance."""
+    """Squared coefficients of TERMS (SI), shape (5,), the terms that were fitted, and the model's variance."""
 
     squares: Array
     terms: tuple[int, ...]
@@ -76,7 +76,7 @@ def shapes(tau_s: Array) -> Array:
 
 
 def averaging_factors(count: int) -> tuple[npt.NDArray[np.int64], int]:
-    """Two averaging factors per octave up to a third of the samples, and the block that the long ones consist of."""
+    """Two averaging factors per octave up to a third of the samples, and the block of which long ones are multiples."""
     block = -(-count // MAX_BLOCKS)
     half_octaves = np.unique(np.round(2.0 ** (0.5 * np.arange(64))).astype(np.int64))
     short = half_octaves[half_octaves < block]
@@ -85,12 +85,12 @@ def averaging_factors(count: int) -> tuple[npt.NDArray[np.int64], int]:
 
 
 def allan_curve(rate_rad_s: Array, interval_s: float) -> Curve:
-    """The curve of equally spaced means of the rate, shape (n,), n >= 30. Raises ValueError where there are fewer."""
+    """Compute the curve of evenly spaced means of the rate, shape (n,). Raises ValueError if n < 30."""
     count = len(rate_rad_s)
     if count < 30:
         raise ValueError(f"{count} samples are too few for an Allan deviation")
     factors, block = averaging_factors(count)
-    # The mean is taken off since the library sums the rates up: a large bias would cost digits.
+    # The library integrates the rates, so a large bias would cost digits.
     centred = rate_rad_s - rate_rad_s.mean()
     found = allantools.oadev(centred, rate=1.0, data_type="freq", taus=factors.astype(float))
     deviation = np.asarray(found[1]) if len(found[1]) == len(factors) else np.zeros(len(factors))
@@ -105,10 +105,10 @@ def allan_curve(rate_rad_s: Array, interval_s: float) -> Curve:
 
 
 def unfiltered(tau_s: Array, variance: Array, edf: Array) -> int:
-    """Index of the first averaging time whose variance a filter in the gyro has not made smaller. Shape (k,) each. (49)
+    """Index of the first averaging time whose variance no filter in the gyro has reduced. Shape (k,) each. (49)
 
-    The model, a sum of powers, is convex in logarithms: it falls fastest at the shortest times. Where a curve falls
-    faster later on, a low pass has taken noise off what comes before; what is left of that halves with each octave.
+    The model, a sum of powers, is convex in logarithms: it falls fastest at the shortest times. If a curve falls
+    faster later, a low pass has removed noise at the shorter times; its effect halves with each octave.
     """
     log_tau, log_variance = np.log(tau_s), np.log(np.maximum(variance, TINY))
     octave = log_tau[OCTAVE:] - log_tau[:-OCTAVE]
@@ -130,9 +130,9 @@ def degrees_of_freedom(count: int, factors: Sequence[int]) -> Array:
         for column, alpha in enumerate(ALPHA):
             try:
                 table[row, column] = edf_greenhall(alpha, 2, m, points, overlapping=True, modified=False)
-            except NotImplementedError:  # quantisation at long averaging times, where it is never what counts
+            except NotImplementedError:  # quantisation at long averaging times, where it never dominates
                 table[row, column] = edf_greenhall(0, 2, m, points, overlapping=True, modified=False)
-    # No gyro follows the model to much better than 2 %: without a cap the shortest times would be all that counts.
+    # No gyro follows the model to much better than 2 %: without a cap the shortest times would dominate.
     return np.clip(table, 1.0, MAX_BLOCKS / 2)
 
 
@@ -140,8 +140,8 @@ def fit(shape: Array, measured: Array, edf: Array, terms: Sequence[int], fixed: 
     """Non-negative weighted least squares of the Allan variance, which is linear in the squared coefficients. (49)
 
     `measured`: variances, shape (..., k), many curves at once. `fixed`: variance that is given, not fitted. The
-    weight of a point is edf / (2 variance^2), the variance being the model's, found by iteration: weights from the
-    measured one would favour the points that are low by chance.
+    weight of a point is edf / (2 variance^2), where the variance is the model's, found by iteration: the measured
+    one would favour points that are low by chance.
     """
     columns, chosen = list(terms), np.arange(shape.shape[0])
     variance = np.maximum(measured, TINY)
@@ -157,10 +157,10 @@ def fit(shape: Array, measured: Array, edf: Array, terms: Sequence[int], fixed: 
 
 
 def nonnegative(A: Array, y: Array, weight: Array) -> Array:
-    """x >= 0 that minimises |weight (A x - y)|^2, for many y at once: y and weight (..., k), A (k, p), x (..., p).
+    """Find x >= 0 that minimises |weight (A x - y)|^2, for many y at once: y, weight (..., k), A (k, p), x (..., p).
 
-    The optimum is the ordinary solution on its own support, so with p <= 5 all supports are tried. scipy's nnls does
-    one y at a time; the intervals need thousands.
+    The optimum is the ordinary solution on its support, so with p <= 5 all supports are tried. scipy's nnls solves
+    for one y at a time; the intervals need thousands.
     """
     scale = 1.0 / np.sqrt(np.mean((weight[..., None] * A) ** 2, axis=-2))
     design = weight[..., None] * A * scale[..., None, :]

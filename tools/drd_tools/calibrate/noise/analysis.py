@@ -1,4 +1,4 @@
-"""What a log at standstill says about a gyro: warm-up, noise terms with intervals, bias, and what the filter takes."""
+"""Analysis of a gyro's log at standstill: warm-up, noise terms with intervals, bias, and the filter's noise profile."""
 
 import math
 from collections.abc import Callable
@@ -17,10 +17,10 @@ from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog, rounding
 from drd_tools.calibrate.noise.warmup import Slope, WarmUp, fit_warm_up, left_out_s, temperature_slope
 
 MODEL: Final = (Q, N, B, K)
-# The filter has no state for flicker: its random walk of the bias stands for all that is slow. (50)
+# The filter has no state for flicker: its random walk of the bias represents all slow terms. (50)
 FILTER: Final = (Q, N, K)
 STEPS: Final = 7
-# Beyond both, a point counts as missed by the model: its 90 % interval, and this part of it.
+# The model misses a point if it is outside the 90 % interval and off by more than this fraction.
 MISFIT: Final = 0.10
 
 
@@ -44,14 +44,14 @@ class FilterNoise:
 
 @dataclass(frozen=True)
 class GyroNoise:
-    """Everything that was found; SI. `log` is the part that was analysed, of `whole`."""
+    """All results, SI. `log` is the part of `whole` that was analysed."""
 
     whole: StaticLog
     log: StaticLog
     skipped_by_user: bool
     warm_up: WarmUp | None
     slope: Slope | None
-    instability_rad_s: float  # the model's lowest Allan deviation / 0.664: B, if it is visible, or a bound on it
+    instability_rad_s: float  # the model's lowest Allan deviation / 0.664: B if visible, otherwise a bound on it
     curve: Curve
     fit: Fit
     has_ramp: bool
@@ -63,7 +63,7 @@ class GyroNoise:
 
     @property
     def left_out_s(self) -> float:
-        """Time that was left out at the log's start, s."""
+        """Time left out at the log's start, s."""
         return self.log.begins_s - self.whole.begins_s
 
     @property
@@ -72,7 +72,7 @@ class GyroNoise:
         return 0.0 if self.warm_up is None else self.warm_up.wait_s(self.instability_rad_s)
 
     def misfit(self) -> tuple[float, float] | None:
-        """Averaging time (s) and measured over modelled deviation where the model misses the curve most, or None."""
+        """Averaging time (s) and ratio of measured to modelled deviation at the model's worst miss, or None."""
         model = np.sqrt(self.fit.variance)
         outside = (model < self.curve.low) | (model > self.curve.high)
         ratio = self.curve.deviation / model
@@ -89,7 +89,7 @@ def analyse(
 ) -> GyroNoise:
     """Analyse a log. `skip_s`: leave out these seconds instead of the fitted warm-up. `on_step` is called STEPS times.
 
-    Raises ConfigError where less than 100 s are left.
+    Raises ConfigError if less than 100 s are left.
     """
     warm_up = fit_warm_up(whole)
     left_s = skip_s if skip_s is not None else _warm_up_left_out_s(whole, warm_up)
@@ -109,7 +109,7 @@ def analyse(
         on_step()
     slow = fit(shape, measured, curve.edf, FILTER)
     random_walk = intervals(curve, slow, simulator, (K,), on_step)[K]
-    # The mean against the bias at the log's end: N^2/T is (28), K^2 T/3 of a random walk, and flicker's floor. (49)
+    # Mean against the bias at the log's end: N^2/T is (28), K^2 T/3 from a random walk, and flicker's floor. (49)
     sigma = math.hypot(math.sqrt(float(shapes(np.array([log.duration_s]))[0] @ found.squares)), rounding_rad_s(log))
     bias = float(log.rate_rad_s.mean())
     first = bias if warm_up is None else float(warm_up.at(np.zeros(1))[0])
@@ -145,10 +145,10 @@ def _instability_rad_s(found: Fit) -> float:
 
 
 def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
-    """Choose what goes into the configuration. (50)
+    """Choose the configuration's noise profile. (50)
 
-    A random walk that the log does not show is not zero: it gets its upper bound, unless the configuration's default
-    is lower. Then the log is too short to say anything better than a data sheet.
+    A random walk that the log does not show is not zero: use its upper bound, unless the configuration's default
+    is lower. Then the log is too short to improve on a data sheet.
     """
     default = Noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     n = angle.value if angle.is_visible else angle.high
@@ -160,7 +160,7 @@ def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
 
 
 def unit_of(term: int) -> tuple[str, str, float, str]:
-    """Name, data-sheet unit, what one of it is in SI, and the symbol, for reports."""
+    """Name, data-sheet unit, that unit in SI, and symbol of a term, for reports."""
     return (*_UNITS[term], TERMS[term])
 
 

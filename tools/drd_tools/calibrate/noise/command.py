@@ -19,7 +19,7 @@ from drd_tools.calibrate.noise.text import HEADER, rows, sentences, snippet
 from drd_tools.report.terminal import print_table
 
 LOG_HEADER: Final = ("time_s", "rate_deg_s", "temperature_c")
-# The live display compares the last minutes' means; a difference beyond this many of its sigmas is a drift.
+# The live display compares means over the last minutes; a difference of more than so many sigmas is a drift.
 DRIFT_WINDOW_S: Final = 300.0
 DRIFT_SIGMAS: Final = 3.0
 
@@ -50,7 +50,7 @@ Exit code: 0 done, 1 the recording failed, 2 bad usage or input.
 
 
 def main(argv: list[str]) -> int:
-    """Run the command. Returns 0, or 1 where recording failed; ConfigError is the caller's to show."""
+    """Run the command. Returns 0, or 1 if recording failed; the caller reports ConfigError."""
     parser = _parser()
     arguments = parser.parse_args(argv)
     if (arguments.log is None) == (arguments.live is None):
@@ -102,7 +102,7 @@ def _write(folder: Path, result: GyroNoise) -> list[Path]:
 
 
 class Drift:
-    """Tells from the means of two windows, one after the other, whether the bias still moves."""
+    """Detector of a drifting bias, from the means of two consecutive windows."""
 
     def __init__(self, window_s: float = DRIFT_WINDOW_S):
         self._window_s, self._ends_s = window_s, window_s
@@ -110,7 +110,7 @@ class Drift:
         self._samples, self._sum, self._squares = 0, 0.0, 0.0
 
     def feed(self, progress: Progress) -> str:
-        """Take in what was recorded so far; returns what to say about the drift."""
+        """Update with the recording so far; return a text on the drift."""
         if progress.recorded_s >= self._ends_s:
             n = max(progress.samples - self._samples, 1)
             mean = (progress.sum_deg - self._sum) / n
@@ -129,7 +129,7 @@ class Drift:
 
 
 def _record(config_file: Path, file: Path, seconds: float) -> bool:
-    """Record the log; False where nothing that can be analysed came."""
+    """Record the log; return False if too little came to be analysed."""
     config = load_config(config_file).value
     fog = gyro_of(config, str(config_file))
     if file.exists():

@@ -1,4 +1,4 @@
-"""Intervals of the noise terms: which true values would have made the log's fit likely. By simulation."""
+"""Confidence intervals of the noise terms, by simulation: the true values under which the log's fit is likely."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from drd_tools.calibrate.noise.allan import CONFIDENCE, MAX_BLOCKS, TERMS, B, Cu
 SIMULATIONS: Final = 300
 SEED: Final = 20010217
 TAIL: Final = (1.0 - CONFIDENCE) / 2.0
-# The search for an interval's end: first step (a factor on the square), how often it may be squared, refinements.
+# Search for an interval's end: first step (a factor on the square), how often it may be squared, bisections.
 FIRST_STEP: Final = 1.02
 GROWTHS: Final = 10
 BISECTIONS: Final = 4
-# Aliases of flicker noise that are summed; the rest is less than 1 % at the shortest averaging time.
+# Number of aliases of flicker noise that are summed; the rest is below 1 % at the shortest averaging time.
 ALIASES: Final = 8
-# A ramp is believed where chance makes one as large in 1 of 20 logs without.
+# A ramp is accepted if noise alone makes one as large in at most 1 of 20 logs.
 RAMP_QUANTILE: Final = 0.95
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A coefficient (SI) with its 90 % interval. `low` is 0 where the log does not show the term."""
+    """A coefficient (SI) with its 90 % interval. `low` is 0 if the log does not show the term."""
 
     value: float
     low: float
@@ -33,15 +33,15 @@ class Interval:
 
     @property
     def is_visible(self) -> bool:
-        """Whether the log shows the term; else `high` is an upper bound that 19 of 20 such logs would keep."""
+        """Whether the log shows the term; otherwise `high` is an upper bound that holds in 19 of 20 such logs."""
         return self.low > 0.0
 
 
 class Simulator:
-    """Allan variances of logs as long as the measured one, with any noise of the model. Repeatable.
+    """Simulator of Allan variances of logs as long as the measured one, with any noise of the model. Repeatable.
 
-    The averaging times below one block of the curve are so well averaged that the model's misfit is larger than
-    their scatter; there, points get independent errors as large as the first block's.
+    Averaging times below one block of the curve are so well averaged that the model's misfit exceeds their
+    scatter; there, points get independent errors as large as the first block's.
     """
 
     def __init__(self, curve: Curve, simulations: int = SIMULATIONS):
@@ -71,7 +71,7 @@ class Simulator:
 
 @lru_cache(maxsize=8)
 def unit_variances(count: int, factors: tuple[int, ...], simulations: int) -> Array:
-    """Mean products of the second differences of all pairs of terms with coefficient 1 and interval 1 s.
+    """Mean products of second differences, for all pairs of terms with coefficient 1 and interval 1 s.
 
     Shape (simulations, k, 5, 5). The Allan variance of a sum of terms is the quadratic form of their coefficients.
     """
@@ -93,16 +93,16 @@ def unit_rates(count: int, random: np.random.Generator) -> Array:
     rates[N] = random.standard_normal(count)
     rates[B] = _flicker(count, random)
     step = random.standard_normal(count)
-    # The mean of a Brownian path over a step: half of the step, and a bridge of variance 1/12.
+    # The mean of a Brownian path over a step is half of the step plus a bridge of variance 1/12.
     rates[K] = np.cumsum(step) - 0.5 * step + random.standard_normal(count) / np.sqrt(12.0)
     rates[R] = (np.arange(count) - 0.5 * count) * random.choice((-1.0, 1.0))
     return rates
 
 
 def _flicker(count: int, random: np.random.Generator) -> Array:
-    """Means over 1 s of flicker noise, made in the frequency domain.
+    """Generate means over 1 s of flicker noise, in the frequency domain.
 
-    Four times as long as needed, so that it has lower frequencies than the log and does not close in on itself.
+    The series is four times as long as needed, to have lower frequencies than the log and to avoid wrapping around.
     """
     density = flicker_density(4 * count)
     normal = random.standard_normal((2, len(density)))
@@ -111,9 +111,9 @@ def _flicker(count: int, random: np.random.Generator) -> Array:
 
 
 def flicker_density(length: int) -> Array:
-    """Density over both signs of f of means over 1 s of flicker noise, at rfft's frequencies; 0 at f = 0.
+    """Two-sided spectral density of means over 1 s of flicker noise, at rfft's frequencies; 0 at f = 0.
 
-    The noise itself has the one-sided density B^2 / (pi f), B = 1 (IEEE Std 952); means alias what is faster.
+    The noise itself has the one-sided density B^2 / (pi f), B = 1 (IEEE Std 952); taking means aliases it.
     """
     f = np.fft.rfftfreq(length)[1:]
     aliased = sum(np.sinc(f + k) ** 2 / np.abs(f + k) for k in range(-ALIASES, ALIASES + 1))
@@ -123,10 +123,10 @@ def flicker_density(length: int) -> Array:
 def intervals(
     curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], object] = lambda: None
 ) -> dict[int, Interval]:
-    """90 % intervals of the wanted terms, by inverting a test.
+    """Find 90 % intervals of the wanted terms, by inverting a test.
 
-    A value belongs to the interval where a log with that value, the other terms being fitted anew, gives an estimate
-    as low (as high) as the measured one in at least 5 % of the simulations. So an estimate of 0 has an honest bound.
+    A value is in the interval if logs with that value, the other terms refitted, give estimates as low (as high) as
+    the measured one in at least 5 % of the simulations. So even an estimate of 0 has a valid bound.
     """
     made = {}
     for term in wanted:
@@ -141,13 +141,13 @@ def _interval(curve: Curve, found: Fit, simulator: Simulator, term: int) -> Inte
     observed = float(found.squares[term])
 
     def tails(square: float) -> tuple[float, float]:
-        """Part of the simulations with an estimate at most, and at least, the observed one."""
+        """Fractions of the simulations whose estimate is at most, and at least, the observed one."""
         squares = fit(simulator.shape, measured, curve.edf, others, square * shape).squares.copy()
         squares[term] = square
         estimates = simulator.estimates(squares, found.terms)[:, term]
         return float(np.mean(estimates <= observed)), float(np.mean(estimates >= observed))
 
-    # An estimate of 0 has no scale of its own: begin far below what the curve has room for.
+    # An estimate of 0 has no scale of its own: begin far below the largest value that the curve allows.
     smallest = 1e-4 * float(np.min(measured / shape))
     high = _boundary(lambda square: tails(square)[0] >= TAIL, max(observed, smallest), FIRST_STEP)
     low = 0.0
@@ -157,7 +157,7 @@ def _interval(curve: Curve, found: Fit, simulator: Simulator, term: int) -> Inte
 
 
 def _boundary(holds: Callable[[float], bool], start: float, factor: float) -> float:
-    """Find where a condition that holds at `start` ceases to, upwards or downwards: growing steps, then bisection."""
+    """Find where a condition that holds at `start` ceases to hold, up or down: growing steps, then bisection."""
     inside, outside = start, start * factor
     for _ in range(GROWTHS):
         if not holds(outside):
@@ -174,7 +174,7 @@ def _boundary(holds: Callable[[float], bool], start: float, factor: float) -> fl
 
 
 def shows_ramp(curve: Curve, found: Fit, simulator: Simulator) -> Fit | None:
-    """The fit with a ramp, where the log has one that noise without a ramp would make in less than 1 of 20 logs."""
+    """Fit with a ramp, if noise without one gives as large a ramp in less than 1 of 20 logs; otherwise None."""
     terms = (*found.terms, R)
     ramped = fit(simulator.shape, curve.deviation**2, curve.edf, terms)
     if ramped.squares[R] <= 0.0:

@@ -1,4 +1,4 @@
-"""Pictures and page of a gyro's noise: Allan deviation, warm-up, and what to make of them."""
+"""Pictures and page of a gyro's noise: Allan deviation, warm-up, and conclusions."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -50,7 +50,7 @@ def allan_picture(file: Path, result: GyroNoise) -> None:
 
 
 def warm_up_picture(file: Path, result: GyroNoise) -> None:
-    """Write a PNG: the bias over time with the fitted warm-up and what was left out; temperature below, if known.
+    """Write a PNG: bias over time, fitted warm-up and the part left out; temperature below, if known.
 
     Raises OSError.
     """

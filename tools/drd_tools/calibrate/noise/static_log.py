@@ -1,4 +1,4 @@
-"""A log of a gyro at standstill: read from CSV, checked, made evenly spaced, and refused where the gyro moved."""
+"""A gyro's log at standstill: read from CSV, checked, made evenly spaced, and refused if the gyro moved."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,31 +18,31 @@ from drd_tools.recordings.folder import file_hash, read_table
 
 FILE_NAME: Final = "fog.csv"
 SHORTEST_S: Final = 100.0
-# Neighbours whose distance is averaged, so that samples that came in bundles do not hide the period.
+# Number of samples over which the period is averaged, since samples may arrive in bursts.
 SPACING: Final = 100
-# Samples before and after a long step that tell whether it was a loss or only a delay.
+# Number of samples on each side of a long step that show whether it was a loss or only a delay.
 NEIGHBOURS: Final = 20
-# Holes up to this long are bridged, if few; at a longer one the log is cut.
+# Gaps up to this long are bridged, if few; the log is cut at longer ones.
 BRIDGED_S: Final = 1.0
 BRIDGED_PART: Final = 0.01
-# No gyro for dead reckoning has such an offset: it turns, or its rate has another unit.
+# No gyro for dead reckoning has a larger offset: it turns, or its rate has another unit.
 LARGEST_OFFSET_DEG_S: Final = 1.0
 MOTION_BLOCK_S: Final = 1.0
 MOTION_SIGMAS: Final = 8.0
-# Smaller steps of the rate, held for a second, are no motion that anyone would call one.
+# Smaller steps of the rate, lasting a second, do not count as motion.
 SMALLEST_MOTION_DEG_S: Final = 0.02
-# Wandering beyond what the scatter from sample to sample explains; flicker and random walk stay far below in 1 s.
+# Scatter of blocks over that expected from sample-to-sample noise; flicker and random walk stay far below in 1 s.
 EXCESS: Final = 5.0
 DRIFT_BLOCKS: Final = 61
-ROUNDS: Final = 50  # of a fixed point, which is then there to the digit
+ROUNDS: Final = 50  # fixed-point iterations, enough for full precision
 
 
 @dataclass(frozen=True)
 class StaticLog:
-    """Evenly spaced means of the rate: shape (n,), rad/s, counter-clockwise positive; time of the first is 0.
+    """Evenly spaced means of the rate, shape (n,), rad/s, counter-clockwise positive; the first is at time 0.
 
-    `temperature_c` is shape (n,) or None. `begins_s` is the first sample's time in the file, `notes` what was done to
-    the log, in sentences.
+    `temperature_c` is shape (n,) or None. `begins_s` is the first sample's time in the file; `notes` are sentences on
+    changes made to the log.
     """
 
     file: str
@@ -72,9 +72,9 @@ class StaticLog:
 
 
 def read_static_log(path: Path) -> StaticLog:
-    """Read a CSV file, or fog.csv in a recording's folder. Raises ConfigError, also where the gyro moved."""
+    """Read a CSV file, or fog.csv in a recording's folder. Raises ConfigError, also if the gyro moved."""
     file = path / FILE_NAME if path.is_dir() else path
-    # A gyro that sends its temperature now and then leaves empty cells.
+    # A gyro that sends its temperature only occasionally leaves empty cells.
     cells = {"temperature_c": lambda cell: float(cell.strip() or "nan")}
     table = read_table(file, (RATE_AND_TEMPERATURE, RATE), 2, among=True, cells=cells, rising=False)
     time_s, rate_deg_s, *rest = table.values.T
@@ -84,10 +84,10 @@ def read_static_log(path: Path) -> StaticLog:
 
 
 def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c: Array | None) -> StaticLog:
-    """The longest interval without a hole, as evenly spaced samples. Raises ConfigError where it is too short.
+    """Extract the longest interval without a gap, as evenly spaced samples. Raises ConfigError if it is too short.
 
-    Jitter of the time stamps is ignored: the gyro's own beat is even, and Allan's differences need only that.
-    Few short holes are bridged with straight lines; at a longer one, or where there are many, the log is cut.
+    Jitter of the time stamps is ignored: the gyro itself samples evenly, and Allan's differences need only that.
+    A few short gaps are interpolated linearly; the log is cut at longer ones, or at all of them if there are many.
     """
     period_s = _period_s(time_s)
     if period_s <= 0.0:
@@ -127,8 +127,8 @@ def _period_s(time_s: Array) -> float:
 def _lost(time_s: Array, period_s: float) -> Array:
     """Samples missing between each sample and the next, shape (n - 1,).
 
-    A long step counts only if the samples after it stay late: a bundle, or a busy host, catches up. Where samples
-    come in bundles, the step must be longer than theirs.
+    A long step counts only if the samples after it stay late: after a burst, or on a busy host, they catch up. If
+    samples come in bursts, the step must be longer than those between bursts.
     """
     step_s = np.diff(time_s)
     off_s = np.abs(step_s - period_s)
@@ -138,7 +138,7 @@ def _lost(time_s: Array, period_s: float) -> Array:
     lost = np.zeros(len(time_s) - 1)
     for i in np.flatnonzero(step_s > long_s):
         before, after = late_s[max(i - NEIGHBOURS, 0) : i + 1], late_s[i + 1 : i + 1 + NEIGHBOURS]
-        # The freshest samples tell: delays are never negative.
+        # Compare the least delayed samples: delays are never negative.
         lost[i] = max(0.0, round((after.min() - before.min()) / period_s))
     return lost
 
@@ -151,7 +151,7 @@ def _longest(cuts: npt.NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def check_standstill(log: StaticLog) -> None:
-    """Raise ConfigError where the rate does not vary at all, is no standstill's, or has steps far above its noise."""
+    """Raise ConfigError if the rate is constant, is too large for a standstill, or has steps far above its noise."""
     rate_deg_s = log.rate_rad_s * DEG_PER_RAD
     if np.ptp(rate_deg_s) == 0.0:
         got = f"{rate_deg_s[0]:g} in all rows: the gyro is dead, or its numbers too coarse to show the noise"
@@ -168,10 +168,10 @@ def check_standstill(log: StaticLog) -> None:
 
 
 def motion(log: StaticLog) -> tuple[float, float, float] | None:
-    """Time in the file (s), size and limit (deg/s) of the first mean over a second that no noise explains, or None.
+    """Time in the file (s), size and limit (deg/s) of the first one-second mean that noise cannot explain, or None.
 
-    Limit: MOTION_SIGMAS times the blocks' own robust scatter about a running median of a minute, unless that is much
-    larger than the scatter from sample to sample explains: then the gyro moved most of the time.
+    Limit: MOTION_SIGMAS times the blocks' robust scatter about a one-minute running median, capped at EXCESS times
+    what the sample-to-sample scatter explains: beyond that the gyro moved most of the time.
     """
     rate_deg_s, size = log.rate_rad_s * DEG_PER_RAD, max(1, round(MOTION_BLOCK_S / log.interval_s))
     blocks = len(rate_deg_s) // size
@@ -190,10 +190,10 @@ def motion(log: StaticLog) -> tuple[float, float, float] | None:
 
 
 def rounding_rad_s(log: StaticLog) -> float:
-    """How far the mean of rounded readings may be off by that alone, rad/s, one standard deviation.
+    """Standard deviation of the mean due to rounding of the readings, rad/s.
 
-    Noise of a variance v, in squares of a step, leaves the part exp(-2 pi^2 v) of it (Widrow's theorem), and makes the
-    readings scatter by v + 1/12, but for up to 1/6 of the same part: v is the least that may be so.
+    Noise of variance v, in squared steps, leaves a fraction exp(-2 pi^2 v) of it (Widrow's theorem) and gives the
+    readings a variance of v + 1/12, to within 1/6 of the same fraction: the smallest such v is used.
     """
     step = _resolution(log.rate_rad_s * DEG_PER_RAD) * RAD_PER_DEG
     if step == 0.0:
@@ -205,7 +205,7 @@ def rounding_rad_s(log: StaticLog) -> float:
 
 
 def _resolution(rate_deg_s: Array) -> float:
-    """The smallest step between readings, deg/s; 0 where there is none."""
+    """Smallest step between readings, deg/s; 0 if there is none."""
     steps = np.diff(np.unique(rate_deg_s))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0

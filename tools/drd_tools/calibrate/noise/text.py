@@ -1,4 +1,4 @@
-"""The gyro's noise in words: the table and sentences of the terminal and the page, and the configuration's snippet."""
+"""Text on the gyro's noise: table and sentences for terminal and page, and the configuration's snippet."""
 
 import math
 from datetime import UTC, datetime
@@ -19,7 +19,7 @@ from drd_tools.calibrate.noise.intervals import Interval
 
 DEG_H: Final = DEG_PER_RAD * S_PER_H
 HEADER: Final = ("term", "", "value", "90 % interval", "unit")
-# Robots' gyros have 0.01 to 0.1 deg/sqrt(h); a class better, and it is rather a unit's mistake.
+# Robots' gyros have 0.01 to 0.1 deg/sqrt(h); a much smaller value is more likely a wrong unit.
 BEST_DEG_PER_SQRT_H: Final = 0.003
 COARSE_PART: Final = 0.1
 
@@ -99,7 +99,7 @@ def _warm_up(result: GyroNoise) -> list[str]:
 
 
 def _not_visible(result: GyroNoise) -> list[str]:
-    """Sentence for each slow term that the log is too short or too noisy for."""
+    """Sentence for each term that the log is too short or too noisy to show."""
     length = duration(result.log.duration_s)
     return [
         f"{name.capitalize()} is not visible in {length}: at most {_two(result.intervals[term].high / si)} {unit}."
@@ -153,7 +153,7 @@ def random_walk_reason(result: GyroNoise) -> str:
 
 
 def _excess(result: GyroNoise) -> str:
-    """Sentence on how far the filter's profile lies above the model at long averaging times, if that is much."""
+    """Sentence on how far the filter's profile exceeds the model at long averaging times, if by much."""
     n, k, tau_s = result.filter.angle_random_walk, result.filter.rate_random_walk, result.curve.tau_s[-1]
     ratio = math.sqrt((n**2 / tau_s + k**2 * tau_s / 3.0) / float(result.fit.variance[-1]))  # (49)
     return f" At {duration(tau_s)} that is {ratio:.2g} times the measured value: conservative." if ratio > 2 else ""
@@ -205,7 +205,7 @@ def _interval_text(interval: Interval, si: float) -> str:
 
 
 def _plain(value: float) -> str:
-    """Four digits, never an exponent: YAML 1.1 takes 2e-5 for a text."""
+    """Format with four digits and no exponent: YAML 1.1 reads 2e-5 as text."""
     return str(np.format_float_positional(float(f"{value:.4g}"), trim="0"))
 
 

@@ -16,15 +16,15 @@ from drd_tools.calibrate.noise.static_log import StaticLog
 
 BLOCKS: Final = 120
 SHORTEST_BLOCK_S: Final = 2.0
-# By how much, in variances, the exponential must explain the log better than a constant. Over simulated logs with
-# flicker and random walk but no warm-up, about 1 of 100 does.
+# Least improvement of the exponential over a constant, as a drop in chi-square. Of simulated logs with flicker and
+# random walk but no warm-up, about 1 in 100 exceeds it.
 DISTINCT: Final = 20.0
-# Of a slower one, the log does not hold enough to tell it from a ramp.
+# Longest time constant, as a fraction of the log: a slower one cannot be distinguished from a ramp.
 SLOWEST_PART: Final = 0.5
 DRIFT_WINDOW_S: Final = 600.0
-# A temperature that changed less says nothing about its effect.
+# A smaller change of temperature does not reveal its effect.
 LEAST_CHANGE_C: Final = 1.0
-# The left-out part ends where less of the warm-up is left than this part of the bias instability.
+# The part left out ends when the remaining warm-up is below this fraction of the bias instability.
 LEFT_OVER: Final = 0.25
 MOST_LEFT_OUT: Final = 0.5
 
@@ -42,12 +42,12 @@ class WarmUp:
         return self.bias_rad_s + self.change_rad_s * np.exp(-time_s / self.time_constant_s)
 
     def wait_s(self, drift_rad_s: float, window_s: float = DRIFT_WINDOW_S) -> float:
-        """Time from which the bias changes by less than `drift_rad_s` within the window that follows. (51)"""
+        """Time from which the bias changes by less than `drift_rad_s` within the following window. (51)"""
         first_rad_s = abs(self.change_rad_s) * -math.expm1(-window_s / self.time_constant_s)
         return self.time_constant_s * math.log(first_rad_s / drift_rad_s) if first_rad_s > drift_rad_s else 0.0
 
     def settled_s(self, rest_rad_s: float) -> float:
-        """Time from which less than `rest_rad_s` of the change is left."""
+        """Time from which less than `rest_rad_s` of the change remains."""
         return self.wait_s(rest_rad_s, math.inf)
 
 
@@ -74,10 +74,10 @@ def block_means(log: StaticLog) -> tuple[Array, Array, Array | None]:
 
 
 def fit_warm_up(log: StaticLog) -> WarmUp | None:
-    """The exponential that fits the log's blocks best; None where nothing distinct from noise settles.
+    """Fit an exponential to the log's blocks; None if it is not distinct from noise.
 
-    Least squares, weighted with the noise that the second half of the log shows: without that, a random walk would
-    pull the fit, and would itself be taken for a warm-up.
+    The least squares are weighted with the noise of the log's second half: otherwise a random walk would bias the
+    fit, or be mistaken for a warm-up.
     """
     time_s, rate_rad_s, _ = block_means(log)
     root = np.linalg.cholesky(_block_covariance(log, time_s))
@@ -92,7 +92,7 @@ def fit_warm_up(log: StaticLog) -> WarmUp | None:
         found, *_ = np.linalg.lstsq(design, y, rcond=None)
         return float(((y - design @ found) ** 2).sum()), np.asarray(found, np.float64)
 
-    # The sum of squares may have several minima in the time constant: the best of a grid, then refined.
+    # The sum of squares may have several minima in the time constant: search a grid, then refine.
     grid = np.log(np.geomspace(2.0 * (time_s[1] - time_s[0]), SLOWEST_PART * log.duration_s, 40))
     best = int(np.argmin([solve(value)[0] for value in grid]))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
@@ -105,7 +105,7 @@ def fit_warm_up(log: StaticLog) -> WarmUp | None:
 
 
 def _block_covariance(log: StaticLog, time_s: Array) -> Array:
-    """Covariance of the blocks' means under white, flicker and random-walk noise, as in the second half of the log."""
+    """Covariance of the block means under white, flicker and random-walk noise, as in the log's second half."""
     half = log.after(0.5 * log.duration_s)
     curve = allan_curve(half.rate_rad_s, half.interval_s)
     squares = fit(shapes(curve.tau_s), curve.deviation**2, curve.edf, (Q, N, B, K)).squares
@@ -117,9 +117,9 @@ def _block_covariance(log: StaticLog, time_s: Array) -> Array:
 
 
 def temperature_slope(log: StaticLog) -> Slope | None:
-    """Regression of the blocks' rates on temperature; None without temperature or where it hardly changed.
+    """Regress the block means on temperature; None without temperature, or if it hardly changed.
 
-    The standard error takes the blocks for independent: it is too small where the bias wanders by itself.
+    The standard error assumes independent blocks: it is too small if the bias wanders for other reasons.
     """
     _, rate_rad_s, temperature_c = block_means(log)
     if temperature_c is None or np.ptp(temperature_c) < LEAST_CHANGE_C:
@@ -130,6 +130,6 @@ def temperature_slope(log: StaticLog) -> Slope | None:
 
 
 def left_out_s(warm_up: WarmUp, instability_rad_s: float, duration_s: float) -> float:
-    """Length of the log's start that the Allan deviation leaves out: until the warm-up is gone, at most half of it."""
+    """Time that the Allan deviation leaves out at the log's start: until warm-up ends, at most half of the log."""
     settled_s = warm_up.settled_s(LEFT_OVER * instability_rad_s)
     return min(settled_s, MOST_LEFT_OUT * duration_s)
