@@ -1,4 +1,4 @@
-"""Effective tread, and the difference of the wheels' radii, by a gyro: where no dense reference tells them. (56)"""
+"""Effective tread and difference of the wheel radii from a gyro, where no dense reference determines them. (56)"""
 
 from typing import Final, NamedTuple
 
@@ -7,12 +7,12 @@ import numpy as np
 from drd_tools.calibrate.wheels.turns import of_wheels
 from drd_tools.recordings.folder import Recording
 
-ROUNDS: Final = 10  # of weights, which then change by less than a thousandth
+ROUNDS: Final = 10  # of reweighting, after which weights change by less than a thousandth
 
 
 class ByGyro(NamedTuple):
-    """Tread over the nominal one, for wheels whose mean radius is the nominal one; radius of the right wheel less that
-    of the left, over the nominal one; and their standard deviations.
+    """Tread and difference of the radii (right minus left), relative to the nominal tread and radius, and their
+    standard deviations. The mean radius is taken as nominal.
     """
 
     tread: float
@@ -22,9 +22,9 @@ class ByGyro(NamedTuple):
 
 
 def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | None:
-    """Least squares of the wheels' turns over the gyro's, with Huber's weights; None where the rows do not tell.
+    """Regress the wheels' turns on the gyro's, with Huber's weights; None if the rows do not determine the result.
 
-    `late_s`, `growth`: lag of the wheels behind the gyro at time 0, and by how much it grows, s/s.
+    `late_s`, `growth`: lag of the wheels behind the gyro at time 0, and its growth, s/s.
     """
     turns = of_wheels(recording, "gyro")
     if turns is None:
@@ -34,7 +34,7 @@ def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | 
         weighted = X * turns.weights[:, None]
         try:
             inverse = np.linalg.inv(weighted.T @ X)
-        except np.linalg.LinAlgError:  # it does not turn, or does not move ahead
+        except np.linalg.LinAlgError:  # it does not turn, or does not move forward
             return None
         x = inverse @ (weighted.T @ y)
         turns.reweigh(y - X @ x)
@@ -43,5 +43,5 @@ def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | 
     if len(scores) < 2 or x[0] <= 0.0 or not np.isfinite(V).all():
         return None
     tread_sigma, difference_sigma, _ = np.sqrt(np.diag(V)).tolist()
-    # A right wheel that is larger than believed reads too little: on a straight, a turn to the right.
+    # A right wheel larger than nominal reads too little: on a straight, it shows a turn to the right.
     return ByGyro(float(x[0]), -float(x[1]), tread_sigma, difference_sigma)

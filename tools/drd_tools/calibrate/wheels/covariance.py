@@ -1,4 +1,4 @@
-"""How sure the wheels are: by the scatter of windows, or of recordings, and by what data sheets say. (54)"""
+"""Uncertainty of the wheels, from the scatter of windows or recordings, and from data sheets. (54)"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,18 +12,18 @@ from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive
 
 QUANTILE: Final = 0.975
-RANK: Final = 1e-9  # smaller directions of a start pose, over the largest, no row tells
-FEWEST_FREEDOMS: Final = 3.0  # fewer scatter too little or too much by chance: data sheets are asked, too
-WHEELS: Final = 3  # so many of the shared unknowns are the wheels': mean scale, difference, tread
+RANK: Final = 1e-9  # smaller eigenvalues of a start pose's information, relative to the largest, count as zero
+FEWEST_FREEDOMS: Final = 3.0  # with fewer the scatter is left to chance: data sheets are used too
+WHEELS: Final = 3  # the first shared unknowns are the wheels': mean scale, difference, tread
 MANY_RECORDINGS: Final = 4
 NOTABLE_DISAGREEMENT: Final = 1.5
 
 
 class Evidence(NamedTuple):
-    """One recording at the solution, its p shared and q own unknowns.
+    """One recording at the solution, with p shared unknowns and q of its own.
 
-    `weighted`: derivatives of the n rows times their weights, shape (n, 3, p + q); `weights`: shape (n, 3). By window,
-    each start pose eliminated: `scores`, shape (w, p + q), and `information`, shape (w, p + q, p + q).
+    `weighted`: derivatives of the n rows times their weights, shape (n, 3, p + q); `weights`: shape (n, 3). For each
+    window, its start pose eliminated: `scores`, shape (w, p + q), and `information`, shape (w, p + q, p + q).
     """
 
     drive: Drive
@@ -34,11 +34,11 @@ class Evidence(NamedTuple):
 
 
 class Covariances(NamedTuple):
-    """Candidates for the covariance of mean scale, difference and tread, shape (3, 3), of which the largest holds.
+    """Candidates for the covariance of mean scale, difference and tread, shape (3, 3); the largest is used.
 
-    `plain`: by the windows first. `widened`: the same for how few windows or recordings they rest on. `disagreement`:
-    deviations taken from recording to recording over those from window to window, the largest of the three; 0 for few
-    recordings.
+    `plain`: the first is from the windows. `widened`: the same, allowing for few windows or recordings.
+    `disagreement`: ratio of standard deviations between recordings to those between windows, the largest of the three;
+    0 for few recordings.
     """
 
     plain: list[Array]
@@ -47,11 +47,11 @@ class Covariances(NamedTuple):
 
 
 def evidence(drive: Drive, r: Array, J: Array, weights: Array, curvature: Array) -> Evidence:
-    """What a recording says at the solution.
+    """Scores and information of a recording at the solution.
 
     `r`, shape (n, 3), and its derivatives `J`, shape (n, 3, p + q), at the drive's rows; `weights`, shape (n, 2);
-    `curvature`, shape (n, 3, 3): second derivative of a row's cost over its residual. A weight is not that: beyond
-    Huber's bound a residual pulls as strongly however large it is, and tells nothing more.
+    `curvature`, shape (n, 3, 3): second derivative of a row's cost by its residual. It differs from the weight: beyond
+    Huber's bound the pull of a residual is constant, so it carries no information.
     """
     rows, starts = drive.windows
     rows_in = np.diff(starts, append=len(rows))
@@ -74,9 +74,9 @@ def covariances(
 ) -> Covariances:
     """Covariance of mean scale, difference and tread. (54)
 
-    From the scatter of the windows; of the recordings where they disagree; and from noise as data sheets have it, where
-    windows leave few degrees of freedom. What is not free has zeros. `prior`, `own_prior`: standard deviations of p
-    shared and q own unknowns, the wheels' first. `belief`: that of what is held.
+    From the scatter of the windows; from that of the recordings if they disagree; and from data-sheet noise if the
+    windows leave few degrees of freedom. Held unknowns have zeros. `prior`, `own_prior`: standard deviations of p
+    shared and q own unknowns, the wheels' first. `belief`: standard deviations of nominal values, for those held.
     """
     p, q = len(prior), len(own_prior)
     own = [np.r_[:p, p + q * k : p + q * (k + 1)] for k in range(len(parts))]
@@ -88,9 +88,9 @@ def covariances(
     inverse, root = np.zeros_like(A), np.zeros_like(A)
     inverse[np.ix_(kept, kept)] = np.linalg.inv(A[np.ix_(kept, kept)])
     root[np.ix_(kept, kept)] = np.linalg.cholesky(inverse[np.ix_(kept, kept)])
-    a = inverse[:, :WHEELS]  # by how much each score moves the wheels' unknowns
-    # What was held at its nominal is as uncertain as nominal values are, and takes the others with it. The prior is
-    # what is left of the uncertainty where the data say nothing.
+    a = inverse[:, :WHEELS]  # influence of each score on the wheels' unknowns
+    # Unknowns held at nominal are as uncertain as nominal values are, and this propagates to the others. The prior
+    # gives the uncertainty that remains where the data are uninformative.
     held = a.T @ A[:, :p][:, ~free] * belief[~free]
     rest = held @ held.T + a.T @ P @ a
     moves = [part.scores @ a[of] for part, of in zip(parts, own, strict=True)]
@@ -118,11 +118,11 @@ def covariances(
 
 
 def _scatter(moves: Array, weights: Array, takes: Array) -> tuple[Array, Array]:
-    """Covariance of c unknowns by the scatter of k clusters, shape (c, c), and its degrees of freedom, shape (c,).
+    """Covariance of c unknowns from the scatter of k clusters, shape (c, c), and its degrees of freedom, shape (c,).
 
-    `moves`: by how much each moves the unknowns, shape (k, c); `weights`: the variance that this has if scatter goes
-    with information, shape (k, c). The fit goes along with each, by `takes`, shape (k, all unknowns, c), which leaves
-    less. Scale and degrees of freedom are right for such scatter (Bell and McCaffrey).
+    `moves`: influence of each cluster on the unknowns, shape (k, c); `weights`: its variance if scatter is
+    proportional to information, shape (k, c). The fit follows each cluster, by `takes`, shape (k, all unknowns, c),
+    which reduces the scatter. Under that assumption scale and degrees of freedom are exact (Bell and McCaffrey).
     """
     taken = (takes**2).sum(axis=1)
     together = np.einsum("kmc,knc->cmn", takes, takes)
@@ -133,22 +133,22 @@ def _scatter(moves: Array, weights: Array, takes: Array) -> tuple[Array, Array]:
 
 
 def _widened(V: Array, freedoms: Array) -> Array:
-    """The covariance with Student's quantile over the normal one on each deviation: few clusters agree by chance."""
+    """Widen each deviation by the ratio of Student's to the normal quantile, since few clusters may agree by chance."""
     factor = t.ppf(QUANTILE, np.maximum(freedoms, 1.0)) / norm.ppf(QUANTILE)
     return np.asarray(V * np.outer(factor, factor))
 
 
 def _stated(part: Evidence, a: Array) -> Array:
-    """Covariance by noise of the reference and slip as data sheets have them, shape (c, c)."""
+    """Covariance from data-sheet values of reference noise and slip, shape (c, c)."""
     influence = part.weighted @ a
     white = np.einsum("nij,nik,ni->jk", influence, influence, 1.0 / part.weights)
     return np.asarray(white + part.drive.slip_m_per_sqrt_m**2 * _slip_scatter(part.drive, influence))
 
 
 def _slip_scatter(drive: Drive, influence: Array) -> Array:
-    """Covariance by slip of 1 m/sqrt(m) on each wheel, independent from metre to metre, shape (c, c).
+    """Covariance from slip of 1 m/sqrt(m) on each wheel, white over distance, shape (c, c).
 
-    A slip in one step moves all later poses of its window: along the heading, and turned about the place of the slip.
+    A slip in one step shifts all later poses of its window along the heading, and rotates them about the slip's place.
     """
     D = drive.nominal.tread_m
     left_m = drive.nominal.left_radius_m * np.interp(drive.reference_s, drive.time_s, drive.left_rad)

@@ -1,4 +1,4 @@
-"""How the lag of wheels or a reference grows in a recording: whose clock runs off. (79)"""
+"""Growth of the lag of wheels or reference during a recording, which shows a drifting clock. (79)"""
 
 import math
 from typing import Final, NamedTuple
@@ -18,18 +18,18 @@ from drd_tools.calibrate.wheels.turns import (
 )
 from drd_tools.recordings.folder import Recording
 
-# By how much the lag of a reference, and of a skid-steer robot's wheels, changes in a drive, deviations: lidar
-# odometry's by 0.04 to 0.3 s beside a gyro, a motion capture's by 0.06 s (median of 37), the wheels' by 0.02 to 0.05 s.
+# Standard deviation of the lag of a reference, and of a skid-steer robot's wheels, within a drive. Against a gyro:
+# lidar odometry 0.04 to 0.3 s, motion capture 0.06 s (median of 37), wheels 0.02 to 0.05 s.
 REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
-# Growths that are looked at: a gyro's clock may be 3 % off; at the drive's end their lags are END_GRID_S apart.
+# Range of growths searched: a gyro's clock may be 3 % off. At the drive's end the grid's lags are END_GRID_S apart.
 MOST_GROWTH: Final = 0.05
 END_GRID_S: Final = 0.2
-MOST_BEFORE_S: Final = 10.0  # by which a clock has run off where the robot first turns: 3 % in five minutes at rest
+MOST_BEFORE_S: Final = 10.0  # largest drift of a clock before the robot first turns: 3 % in five minutes at rest
 SOME_ROWS: Final = 500
 
 
 class Drift(NamedTuple):
-    """Lag at time 0, s, and by how much it grows, s/s; `sigma`: standard deviation of that growth."""
+    """Lag at time 0, s, and its growth, s/s; `sigma`: standard deviation of the growth."""
 
     lag_s: float
     growth: float
@@ -37,17 +37,17 @@ class Drift(NamedTuple):
 
     @property
     def begins_usual(self) -> bool:
-        """Whether the lag at time 0 is one that sensors have: of a clock that ran off before that it is not."""
+        """Whether the lag at time 0 is one that sensors have; a clock that drifted before the start exceeds it."""
         return EARLIEST_S < self.lag_s < LATEST_S
 
 
 def find_drift(recording: Recording, against: str) -> Drift | None:
-    """Fit how the wheels' lag behind gyro or reference grows in a recording; None where the rows do not tell."""
+    """Fit the growth of the wheels' lag behind gyro or reference; None if the rows do not determine it."""
     return _drift(of_wheels(recording, against), MOST_GROWTH if against == "gyro" else 0.0)
 
 
 def reference_drift(recording: Recording) -> Drift | None:
-    """Fit how the reference's lag behind the gyro grows; None without one, or where the rows do not tell."""
+    """Fit the growth of the reference's lag behind the gyro; None without either, or if it is undetermined."""
     return _drift(of_reference(recording), MOST_GROWTH)
 
 
@@ -59,7 +59,7 @@ def _drift(part: Turns | None, most: float) -> Drift | None:
         late_s = x[0] + x[1] * part.at_s
         part.reweigh(part.regress(late_s)[0])
         residual, slope, by_wheels, _ = part.regress(late_s)
-        # The wheels' own slope as the instrument: the other's noise is not in it.
+        # The wheels' own slope is the instrument, since it is free of the other sensor's noise.
         S, Z = (np.column_stack([column, column * part.at_s]) for column in (slope, by_wheels))
         instrument = Z * part.weights[:, None]
         try:
@@ -72,14 +72,14 @@ def _drift(part: Turns | None, most: float) -> Drift | None:
         if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
             break
     blocks = part.by_block(score)
-    # Where few turns tell, their blocks agree by chance: as unsure as by the noise of its rows it is at least.
+    # With few informative turns the blocks may agree by chance: the rows' noise gives a lower limit.
     squares = (blocks.T @ blocks, part.noise_square * instrument.T @ instrument)
     sigma = math.sqrt(max(float((inverse @ square @ inverse.T)[1, 1]) for square in squares))
     return Drift(float(x[0]), float(x[1]), sigma) if np.isfinite(x).all() else None
 
 
 def _likeliest_growth(part: Turns, most: float) -> Array:
-    """Lag at time 0, s, and its growth, up to `most` s/s, (2,), from which a fit sets out."""
+    """Starting point of the fit: lag at time 0, s, and growth, up to `most` s/s, shape (2,)."""
     some = slice(None, None, max(1, len(part.at_s) // SOME_ROWS))
     at_s, half_s = part.at_s[some], np.broadcast_to(part.half_s, part.at_s.shape)[some]
     turn = over(part.time_s, part.turn, at_s, half_s)

@@ -1,4 +1,4 @@
-"""A recording made ready for the wheel calibration: wheel angles, reference, windows, and what a model leaves over."""
+"""A recording prepared for the wheel calibration: wheel angles, reference, windows, and residuals of a model."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ MIN_WINDOWS: Final = 6
 MIN_TRAVEL_TREADS: Final = 0.1
 SWEEP_DEG: Final = 5.0
 ALIGNMENT_STEPS: Final = 4
-# Where robot.yaml does not say how good the reference is, and how much the wheels slip.
+# Defaults if robot.yaml does not state the reference's noise and the wheels' slip.
 POSITION_SIGMA_M: Final = 0.01
 HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
 SLIP_M_PER_SQRT_M: Final = Noise().wheel_m_per_sqrt_m
@@ -41,8 +41,8 @@ class Wheels(NamedTuple):
 class Mounting:
     """Mounting of the reference on the robot: nuisances of the calibration.
 
-    It shows the wheels' motion of `time_s` later, of a point (`forward_m`, `left_m`) from the middle of the axle, with
-    `heading_rad` added.
+    It shows the wheels' motion at a time `time_s` later, at a point (`forward_m`, `left_m`) from the middle of the
+    axle, with `heading_rad` added.
     """
 
     time_s: float = 0.0
@@ -53,7 +53,7 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Drive:
-    """One recording: wheel angles, and the reference's rows within the wheels' time, with what the sheets say."""
+    """One recording: wheel angles, the reference's rows within the wheels' time, and data-sheet noise."""
 
     name: str
     nominal: Wheels
@@ -67,11 +67,11 @@ class Drive:
     position_sigma_m: float
     heading_sigma_rad: float
     slip_m_per_sqrt_m: float
-    counted_by_m: float  # tread by which whole turns between sparse rows were counted
+    counted_by_m: float  # tread with which whole turns between sparse rows were counted
 
     @cached_property
     def travel_m(self) -> Array:
-        """Travel of the faster wheel until each row of the reference, by the nominal wheels."""
+        """Travel of the faster wheel up to each row of the reference, with the nominal wheels."""
         r = self.nominal
         left, right = r.left_radius_m * np.diff(self.left_rad), r.right_radius_m * np.diff(self.right_rad)
         travel = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(left), np.abs(right)))])
@@ -79,7 +79,7 @@ class Drive:
 
     @cached_property
     def windows(self) -> tuple[Rows, Rows]:
-        """Rows of the reference, window after window, and where in them each window begins. Windows share end rows."""
+        """Rows of the reference, window by window, and the index where each window begins. Windows share end rows."""
         total = np.ptp(self.travel_m)
         count = max(MIN_WINDOWS, round(total / (WINDOW_TREADS * self.nominal.tread_m)))
         edges = np.searchsorted(self.travel_m, self.travel_m[0] + total * np.arange(count + 1) / count)
@@ -90,20 +90,20 @@ class Drive:
 
     @property
     def path_m(self) -> float:
-        """Length of the path by the nominal wheels, while the reference is there."""
+        """Length of the path with the nominal wheels, during the reference."""
         angles = (np.interp(self.reference_s, self.time_s, rad) for rad in (self.left_rad, self.right_rad))
         return float(np.abs(0.5 * self.nominal.left_radius_m * np.diff(sum(angles))).sum())
 
     @property
     def spot_share(self) -> float:
-        """Share of the turning that is done on the spot, the wheels running against each other; 0 to 1."""
+        """Share of the turning with the wheels running in opposite directions (on the spot); 0 to 1."""
         left, right = np.diff(self.left_rad), np.diff(self.right_rad)
         turn = np.abs(right - left)
         return float(turn[left * right < 0].sum() / max(float(turn.sum()), 1e-12))
 
     @property
     def turns_rad(self) -> tuple[float, float]:
-        """Angles turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
+        """Angles turned to the left and to the right according to the reference, in sweeps of SWEEP_DEG or more."""
         sweep = SWEEP_DEG * RAD_PER_DEG
         kept = [float(self.reference_heading_rad[0])]
         for value in self.reference_heading_rad:
@@ -114,7 +114,7 @@ class Drive:
 
 
 def make_drive(recording: Recording) -> Drive:
-    """Cut `recording` into windows. Raises ConfigError where it has no usable reference or does not move."""
+    """Make a drive of `recording`. Raises ConfigError if it has no usable reference or does not move."""
     sheet, log = recording.nominal, recording.reference
     if log is None:
         raise ConfigError(
@@ -150,8 +150,8 @@ def make_drive(recording: Recording) -> Drive:
 
 
 def counted(drive: Drive, tread_m: float) -> Drive:
-    """The drive with the whole turns from row to row of its reference counted by wheels so far apart: between sparse
-    rows nothing else tells how many there were.
+    """Count whole turns between rows of the reference by the wheels, with the given tread: between sparse rows nothing
+    else determines their number.
     """
     heading = drive.reference_heading_rad
     turn_m = drive.nominal.left_radius_m * (drive.right_rad - drive.left_rad)
@@ -162,7 +162,7 @@ def counted(drive: Drive, tread_m: float) -> Drive:
 
 
 def cut_drive(drive: Drive, start: float, end: float) -> Drive | None:
-    """The part of a drive between two fractions of its travel; None where it has fewer than two rows."""
+    """Cut out the part of a drive between two fractions of its travel; None if it has fewer than two rows."""
     share = (drive.travel_m - drive.travel_m[0]) / np.ptp(drive.travel_m)
     kept = (share >= start) & (share <= end)
     if kept.sum() < 2:
@@ -176,9 +176,9 @@ def cut_drive(drive: Drive, start: float, end: float) -> Drive | None:
 
 
 def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
-    """Path of the axle's middle, shape (n, 2), and heading, shape (n,), at the times `at_s`; it starts at the origin.
+    """Path of the axle's middle, shape (n, 2), and heading, shape (n,), at the times `at_s`, starting at the origin.
 
-    Each step is taken as an arc, which is exact where the wheels keep their ratio in it.
+    Each step is an arc, which is exact if the ratio of the wheels' speeds is constant within it.
     """
     left_m = wheels.left_radius_m * np.diff(drive.left_rad)
     right_m = wheels.right_radius_m * np.diff(drive.right_rad)
@@ -193,7 +193,7 @@ def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
 
 
 def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
-    """Predict what the reference shows at its rows: path, shape (n, 2), and heading, shape (n,)."""
+    """Predict the reference at its rows: path, shape (n, 2), and heading, shape (n,)."""
     xy_m, heading = odometry(drive, wheels, drive.reference_s + mounting.time_s)
     lever_m = turned(np.array([[mounting.forward_m, mounting.left_m]]), heading)
     return xy_m + lever_m, heading + mounting.heading_rad
@@ -202,7 +202,7 @@ def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple
 def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) -> Array:
     """Reference minus model at the rows of `drive.windows`, shape (n, 3): x, y in m, heading in rad. (53)
 
-    Each window has a start pose of its own, which is solved for here. `weights`, shape (n, 2): inverse variances of
+    Each window has its own start pose, which is solved for here. `weights`, shape (n, 2): inverse variances of
     each coordinate and of the heading.
     """
     xy_m, heading = seen_by_reference(drive, wheels, mounting)

@@ -1,4 +1,4 @@
-"""wheels.yaml: a piece of the daemon's configuration, with where its numbers come from."""
+"""Writer of wheels.yaml, a part of the daemon's configuration, with its provenance."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
@@ -37,7 +37,7 @@ def _lines(section: Mapping[str, Any], indent: str) -> Iterator[str]:
 
 
 def plain(number: float | str) -> str:
-    """A word as it is, of a number ten digits without an exponent: other readers of YAML take 5e-05 for a text."""
+    """Format a number with ten digits and no exponent, since other YAML readers read 5e-05 as text; keep a word."""
     if isinstance(number, str):
         return number
     return str(np.format_float_positional(number, precision=10, fractional=False, trim="0"))

@@ -22,17 +22,17 @@ from drd_tools.calibrate.wheels.score import Scores, score
 NAMES: Final = ("scale", "difference", "tread", "forward", "left", "heading")
 PRIOR: Final = np.array([0.1, 0.1, 1.0, 0.1, 0.1, 10.0 * RAD_PER_DEG])
 STEP: Final = np.array([1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-4])
-# Unknowns of each recording: time offset in s, and how far its heading departs from the shared mounting. A lever arm of
-# its own would hide in the scale on circles: 1.5 mm of 0.3 m are 0.5 %.
+# Unknowns of each recording: time offset in s, and deviation of its heading from the shared mounting. A separate lever
+# arm would be confounded with the scale on circles: 1.5 mm of 0.3 m are 0.5 %.
 OWN_PRIOR: Final = np.array([0.3, 0.3 * RAD_PER_DEG])
 OWN_STEP: Final = np.array([5e-3, 1e-4])
-# A value whose standard deviation is larger than this is not determined: a tape measure does better.
+# Values with larger standard deviations are not determined: a tape measure does better.
 LIMIT: Final = np.array([0.02, 0.02, 0.10])
-# How well nominal values are known, where they have to serve: each wheel on its own, and the tread.
+# Standard deviations of nominal values where they are used: wheels independent of each other, and tread.
 BELIEF: Final = np.array([WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0])
-# Where data contradict the model, a step may end beyond a tread of nothing, about which headings have no bound.
+# Where data contradict the model, a step could make the tread or a radius negative.
 LEAST: Final = np.array([-0.9, -np.inf, -0.9, -np.inf, -np.inf, -np.inf])
-# Left over within the windows where whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
+# Least residual within windows if whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
 LOST_RAD: Final = 0.25
 LOST_TREADS: Final = 0.25
 HUBER: Final = 2.0
@@ -42,15 +42,15 @@ CONVERGED: Final = 0.01  # of a standard deviation
 
 @dataclass(frozen=True)
 class WheelFit:
-    """Wheels, their standard deviations, and what could be determined.
+    """Wheels, their standard deviations, and which values are determined.
 
     `sigma`: of left radius, right radius, tread, relative to the value; `narrow_sigma`: the same, not widened for few
-    windows; `window_sigma`: that by the scatter of the windows alone. `determined`: mean scale, difference, tread;
-    one that is not stays at its nominal. `free_sigma`: of the three where nothing is held, as the prior allows.
-    `correlation`: of difference and tread. `disagreement`: standard deviations taken from recording to recording over
-    those from window to window, the largest of the three, 0 where there are too few recordings. `mounting`: of the
-    reference, with the usual time offset; `own`: that of each recording. `white_m`, `white_rad`: what is left over.
-    `is_lost`: so much that no wheels explain the reference, and nothing is determined.
+    windows; `window_sigma`: from the scatter of the windows alone. `determined`: mean scale, difference, tread;
+    one that is not stays nominal. `free_sigma`: of these three if none is held, limited by the prior.
+    `correlation`: of difference and tread. `disagreement`: ratio of standard deviations between recordings to those
+    between windows, the largest of the three, 0 if there are too few recordings. `mounting`: of the reference, with
+    the median time offset; `own`: that of each recording. `white_m`, `white_rad`: scale of the residuals.
+    `is_lost`: these are so large that no wheels explain the reference, and nothing is determined.
     """
 
     wheels: Wheels
@@ -70,7 +70,7 @@ class WheelFit:
 
 
 def check_one_robot(drives: Sequence[Drive]) -> None:
-    """Raise ConfigError where the recordings do not have the same nominal wheels and encoders."""
+    """Raise ConfigError if the recordings differ in nominal wheels or encoders."""
     first = drives[0]
     for drive in drives[1:]:
         if (drive.nominal, drive.counts_per_revolution) != (first.nominal, first.counts_per_revolution):
@@ -88,7 +88,7 @@ def _described(drive: Drive) -> str:
 
 
 def wheels_of(nominal: Wheels, unknowns: Array) -> Wheels:
-    """The wheels at `unknowns` = (scale, difference, tread), relative to `nominal`. (52)"""
+    """Wheels for `unknowns` = (scale, difference, tread), relative to `nominal`. (52)"""
     scale, difference, tread = unknowns[:3]
     return Wheels(
         nominal.left_radius_m * (1.0 + scale - 0.5 * difference),
@@ -104,7 +104,7 @@ def _mounting(drive: Drive, shared: Array, own: Array) -> Mounting:
 
 @dataclass
 class Part:
-    """One recording within the fit: its own unknowns, its weights and its share of the normal equations."""
+    """One recording within the fit: its own unknowns, its weights and its noise."""
 
     drive: Drive
     own: Array
@@ -113,7 +113,7 @@ class Part:
     white_rad: float
 
     def evaluate(self, shared: Array) -> tuple[Array, Array]:
-        """Residuals, shape (n, 3), and their derivatives, shape (n, 3, 8), at the present unknowns."""
+        """Residuals, shape (n, 3), and their derivatives, shape (n, 3, 8), at the current unknowns."""
 
         def left_over(change: Array) -> Array:
             p, q = shared + change[: len(STEP)], self.own + change[len(STEP) :]
@@ -125,7 +125,7 @@ class Part:
         return left_over(np.zeros(len(steps))), np.stack(columns, axis=-1)
 
     def evidence(self, shared: Array) -> Evidence:
-        """What the recording says at the solution."""
+        """Scores and information of the recording at the solution."""
         r, J = self.evaluate(shared)
         beyond = self.weights * np.array([self.white_m**2, self.white_rad**2]) < 1.0 - 1e-9
         along = r[:, :2] / np.maximum(np.hypot(r[:, 0], r[:, 1]), 1e-300)[:, None]
@@ -136,10 +136,10 @@ class Part:
         return evidence(self.drive, r, J, self.weights, curvature)
 
     def reweigh(self, r: Array) -> None:
-        """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
+        """Set the noise from the residuals' robust deviation, and Huber's weights against jumps."""
         drive = self.drive
         self.white_m = max(drive.position_sigma_m, robust.deviation(r[:, :2], 0.0))
-        # Where data contradict the model a heading is off by any number of turns; no noise is more than half of one.
+        # If data contradict the model, headings may be wrong by several turns; noise is never more than half of one.
         white_rad = min(robust.deviation(r[:, 2], 0.0), math.pi)
         self.white_rad = max(drive.heading_sigma_rad, white_rad)
         ratio = np.column_stack([np.hypot(r[:, 0], r[:, 1]) / self.white_m, np.abs(r[:, 2]) / self.white_rad])
@@ -148,23 +148,23 @@ class Part:
 
     @property
     def is_lost(self) -> bool:
-        """Whether so much is left that the wheels explain nothing."""
+        """Whether the residuals are so large that the wheels explain nothing."""
         return self.white_rad > LOST_RAD or self.white_m > LOST_TREADS * self.drive.nominal.tread_m
 
     @property
     def cost(self) -> float:
-        """Nats by which the rows are unlikely, but for a constant."""
+        """Negative log-likelihood of the rows, nats, up to a constant."""
         return len(self.drive.windows[0]) * (2.0 * math.log(self.white_m) + math.log(self.white_rad))
 
 
 def new_part(drive: Drive) -> Part:
-    """A recording with the weights that its data sheets give, before any fit."""
+    """Make the part of a recording before any fit, with data-sheet weights."""
     weights = np.tile([drive.position_sigma_m**-2, drive.heading_sigma_rad**-2], (len(drive.windows[0]), 1))
     return Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
 
 
 def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> Array:
-    """Gauss-Newton with Huber's weights; wheels that are not `free` stay at 0, a mounting that is not at its start."""
+    """Solve by Gauss-Newton with Huber's weights. If not `free`, wheels stay at 0 and the mounting at its start."""
     shared = start * (free | (np.arange(len(free)) >= WHEELS))
     for _ in range(MAX_STEPS):
         scores: list[Scores] = []
@@ -187,11 +187,11 @@ def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> Array
 def fit_wheels(
     drives: Sequence[Drive], start: WheelFit | None = None, mounted: Mounting | None = None, limit: Array = LIMIT
 ) -> WheelFit:
-    """Wheels from one or more drives of one robot, by robust least squares over windows.
+    """Fit the wheels to one or more drives of one robot, by robust least squares over windows.
 
-    `start` is a fit of nearly the same drives, from which the search sets out. `mounted`: how the reference sits on the
-    robot, where that is known. `limit`: standard deviations of mean scale, difference and tread beyond which they stay
-    at their nominal. Raises ConfigError where the drives are not of one robot.
+    `start` is a fit of nearly the same drives, where the search starts. `mounted`: mounting of the reference, if it is
+    known. `limit`: standard deviations of mean scale, difference and tread beyond which they stay nominal. Raises
+    ConfigError if the drives are not of one robot.
     """
     check_one_robot(drives)
     nominal, parts = drives[0].nominal, [new_part(drive) for drive in drives]
@@ -207,7 +207,7 @@ def fit_wheels(
         free[:WHEELS] = False
         shared = solve(parts, free, shared)
     free_sigma = _sigmas(parts, shared, free) if start is None else np.array(start.free_sigma)
-    # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
+    # Undetermined values are held at nominal, the worst first; the others are then conditional on it.
     while True:
         excess = np.where(free[:3], _sigmas(parts, shared, free) / limit, 0.0)
         if excess.max() <= 1.0:
@@ -218,7 +218,7 @@ def fit_wheels(
 
 
 def setting_out(drives: Sequence[Drive]) -> Array:
-    """Unknowns from which a search sets out: the nominal ones, with the tread that turns were counted by."""
+    """Starting point of a search: nominal values, with the tread by which turns were counted."""
     unknowns = np.zeros(len(NAMES))
     unknowns[2] = drives[0].counted_by_m / drives[0].nominal.tread_m - 1.0
     return unknowns
@@ -234,7 +234,7 @@ def _covariances(parts: list[Part], shared: Array, free: npt.NDArray[np.bool_]) 
 
 
 def _sigmas(parts: list[Part], shared: Array, free: npt.NDArray[np.bool_]) -> Array:
-    """Standard deviations of mean scale, difference and tread, not widened: few windows determine a value, too."""
+    """Standard deviations of mean scale, difference and tread, not widened: few windows can determine a value."""
     return np.asarray(np.sqrt(np.max([np.diag(V) for V in _covariances(parts, shared, free).plain], axis=0)))
 
 

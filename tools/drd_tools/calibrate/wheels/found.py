@@ -1,4 +1,4 @@
-"""All that the wheel calibration finds in recordings."""
+"""Results of the wheel calibration from recordings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ from drd_tools.recordings.folder import Recording
 
 @dataclass(frozen=True)
 class Found:
-    """The fit of `drives`, and how it does on drives that it was not fitted to.
+    """The fit of `drives`, and its performance on held-out drives.
 
     `apart`: spread of left radius, right radius and tread between the drives, see `wheel_spread`. `other`: a fit of
-    the held-out drives `tests` alone, where there are any. `lag` and `rest`: see there. `notes`: sentences on what is
-    not determined, `doubts`: on what makes the fit doubtful.
+    the held-out drives `tests` alone, if there are any. `lag` and `rest`: see there. `notes`: sentences on what is
+    not determined, `doubts`: on reasons to doubt the fit.
     """
 
     drives: Sequence[Drive]
@@ -48,9 +48,9 @@ def find(
     *,
     judged: bool = True,
 ) -> Found:
-    """Find what `recordings`, whose drives were fitted, say beside the fit, and what the drives `tests` say of it.
+    """Estimate spread, lag and standstill noise from `recordings`, whose drives were fitted, and test the fit.
 
-    Without `tests` each drive tells about a fit of the others, which takes long for many; not so if not `judged`.
+    It is tested on `tests`; without them, if `judged`, by leaving out each drive in turn, which takes long for many.
     """
     figures = [compare(drive, fit) for drive in tests] if tests else leave_one_out(drives, fit) if judged else []
     other = fit_wheels(tests) if tests else None
@@ -73,6 +73,6 @@ def find(
 
 
 def _rate_hz(times_s: Sequence[Array], default_hz: float) -> float:
-    """Rows a second in the slowest of the logs."""
+    """Rows per second in the slowest of the logs."""
     steps_s = [float(np.median(np.diff(time_s))) for time_s in times_s if len(time_s) > 1]
     return 1.0 / max(steps_s) if steps_s else default_hz

@@ -1,4 +1,4 @@
-"""How well a calibration does on drives that it has not seen."""
+"""Performance of a calibration on held-out drives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, cut_drive,
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
 from drd_tools.evaluate.metrics import rms, turned
 
-START_TREADS: Final = 0.1  # while the wheels have travelled no further, the reference tells where the drive begins
+START_TREADS: Final = 0.1  # over this travel, path and reference are aligned at the start
 BLOCKS: Final = 5
 
 
@@ -36,7 +36,7 @@ class HeldOut:
 
 
 def aligned_path(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
-    """Odometry as the reference would see it, shape (n, 2) and heading (n,), put on the reference at the start."""
+    """Odometry at the reference's place on the robot, shape (n, 2) and heading (n,), aligned with it at the start."""
     xy_m, heading = seen_by_reference(drive, wheels, mounting)
     first = drive.travel_m <= drive.travel_m[0] + START_TREADS * drive.nominal.tread_m
     turn = float(np.mean((drive.reference_heading_rad - heading)[first]))
@@ -52,13 +52,13 @@ def error_of(drive: Drive, wheels: Wheels, mounting: Mounting) -> Error:
 
 
 def compare(drive: Drive, fit: WheelFit) -> HeldOut:
-    """The figures of a drive that is not in `fit`. The mounting of the reference is the fit's for both."""
+    """Compare nominal and fitted wheels on a drive that is not in `fit`. Both use the fit's mounting."""
     nominal, calibrated = (error_of(drive, wheels, fit.mounting) for wheels in (drive.nominal, fit.wheels))
     return HeldOut(drive, fit, nominal, calibrated)
 
 
 def leave_one_out(drives: Sequence[Drive], fit: WheelFit) -> list[HeldOut]:
-    """Each drive by a fit of all the others; of a single drive each fifth of its travel by a fit of the rest."""
+    """Test each drive with a fit of all the others, or each fifth of a single drive with a fit of the rest."""
     if len(drives) > 1:
         groups = [([d for d in drives if d is not drive], drive) for drive in drives]
     else:

@@ -1,4 +1,4 @@
-"""What the wheel calibration writes: the daemon's keys, with what their numbers mean."""
+"""The daemon's keys that the wheel calibration writes, with comments on their meaning."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from drd_tools.calibrate.wheels.found import Found
 from drd_tools.calibrate.wheels.lag import Lag
 from drd_tools.calibrate.wheels.rest import Rest
 
-# So many periods after its time a sample is still no silence: one of them may be lost.
+# Silence is declared no earlier than so many periods after the last sample, since one may be lost.
 PERIODS: Final = 2.0
-# An effective tread so much longer than the measured one is a skid-steer robot's. (34)
+# A larger ratio of effective to measured tread indicates a skid-steer robot. (34)
 SKID_TREAD_RATIO: Final = 1.15
 
 
 def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, Any]:
-    """`robot`: the nominal radius, the scale of each wheel, the tread; how it steers, where the tread tells."""
+    """`robot`: nominal radius, scale of each wheel, tread; and the kind of drive, if the tread reveals it."""
     skids = wheels.tread_m > SKID_TREAD_RATIO * nominal.tread_m
     return ({"drive": "skid"} if skids else {}) | {
         "wheel_radius_m": nominal.left_radius_m,
@@ -30,10 +30,10 @@ def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, Any]:
 
 
 def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) -> dict[str, float]:
-    """`estimation.initial` of the wheels: what the next drive may depart by. (54)
+    """`estimation.initial` of the wheels: standard deviations for the next drive. (54)
 
-    That is the sigma with the spread between recordings; the defaults where there is a single recording or a value is
-    not determined; and no less than what `other`, the held-out recordings' own fit, departs by.
+    They combine sigma and spread between recordings; are at least the defaults for a single recording or a value that
+    is not determined; and at least the deviation of `other`, a fit of the held-out recordings alone.
     """
     departs_to = fit.wheels if other is None else other.wheels
     departure = [abs(v / w - 1) for v, w in zip(departs_to, fit.wheels, strict=True)]
@@ -49,7 +49,7 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
 
 
 def sections(found: Found) -> dict[str, Any]:
-    """Sections of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
+    """Sections of wheels.yaml. Keys of values that are not determined are left out, except the wheels' own."""
     initial, noise = _gyro_keys(found.rest)
     initial = initial_keys(found.fit, found.apart, found.other) | initial
     lag = found.lag if found.lag is not None and found.lag.applies else None
@@ -72,13 +72,13 @@ def _late_sensor(lag: Lag, found: Found) -> tuple[dict[str, Any], dict[str, Any]
 
 
 def _at_least(name: str, latency_s: float, rate_hz: float, default_s: float) -> dict[str, Any]:
-    """The key where its default is too short for samples so late."""
+    """The key, if its default is too short for samples with this latency."""
     needed_s = latency_s + PERIODS / rate_hz
     return {name: (needed_s, "longer than a sample's age")} if needed_s > default_s else {}
 
 
 def _gyro_keys(rest: Rest | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Keys of `estimation.initial` and `estimation.noise` that the gyro's standstills tell."""
+    """Keys of `estimation.initial` and `estimation.noise` that the gyro's standstills determine."""
     initial: dict[str, Any] = {}
     noise: dict[str, Any] = {}
     if rest is None:

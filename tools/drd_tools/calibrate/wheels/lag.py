@@ -1,4 +1,4 @@
-"""How late the wheels are, against the gyro or, where there is none, against the reference. (56)"""
+"""Lag of the wheels behind the gyro or, if there is none, behind the reference. (56)"""
 
 import math
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from drd_tools.calibrate.wheels.turns import (
 from drd_tools.recordings.folder import Recording
 
 GRID_S: Final = 0.05
-# A lag that is less sure is not determined: at 1 rad/s it is 3 deg.
+# A lag with a larger standard deviation is not determined: at 1 rad/s it is 3 deg.
 LIMIT_S: Final = 0.05
 CLEARLY: Final = 2.0
-# A value that lasts for so many rows is held; new values each row jitter by less.
+# A value that lasts for more rows is held; with new values in each row, jitter stays below this.
 HELD_ROWS: Final = 1.5
-# At a time: a wheel that turns by less may well stand on the same count for a row or two.
+# Per change: a slower wheel may repeat the same count for a row or two without a hold.
 FEWEST_COUNTS: Final = 3
-# A speed that stays for longer is constant, as simulated ones are: no drive is that slow.
+# A speed that lasts longer is constant, as in simulations: no drive updates that slowly.
 LONGEST_HOLD_S: Final = 1.0
 MAX_STEPS: Final = 25
 CONVERGED_S: Final = 1e-5
@@ -39,8 +39,8 @@ CONVERGED_S: Final = 1e-5
 class Lag:
     """Delay of the wheels behind the gyro, or behind the reference.
 
-    `spread_s`: standard deviation from recording to recording; nan for a single one. `hold_s`: for how long the drive
-    holds a wheel speed, 0 where it does not. `each`: lag by recording. `determined`: its sigma is small enough.
+    `spread_s`: standard deviation between recordings; nan for a single one. `hold_s`: time for which the drive holds a
+    wheel speed, 0 if it does not. `each`: lag by recording. `determined`: its sigma is small enough.
     """
 
     against: str
@@ -52,20 +52,20 @@ class Lag:
 
     @property
     def is_usual(self) -> bool:
-        """Whether it lies within the lags that sensors have: one at either end may be any beyond it."""
+        """Whether it lies within the lags that sensors have; at either limit the true lag may be beyond it."""
         return EARLIEST_S < self.lag_s < LATEST_S
 
     @property
     def determined(self) -> bool:
-        """Whether the recordings tell it."""
+        """Whether the recordings determine it."""
         return self.sigma_s <= LIMIT_S and self.is_usual
 
     @property
     def applies(self) -> bool:
-        """Whether the next drive should be rid of it.
+        """Whether to correct the next drive for it.
 
-        Against a gyro always. A reference has a delay of its own, which may differ from drive to drive: there the
-        wheels must be later by clearly more than the lag is unsure and differs.
+        Against a gyro always. A reference has its own delay, which may vary between drives: there the wheels must be
+        late by clearly more than the lag's uncertainty and spread.
         """
         return self.determined and (self.against == "gyro" or self.lag_s > CLEARLY * self.next_s)
 
@@ -78,8 +78,8 @@ class Lag:
 class _Scores(NamedTuple):
     """Information on the lag in one recording, and the score of each block of rows, (b,).
 
-    `by_noise`: the sum of the scores' squares as the noise of the rows alone would make it. Where few turns tell, their
-    blocks agree by chance.
+    `by_noise`: sum of squared scores expected from the rows' noise alone, since with few informative turns the blocks
+    may agree by chance.
     """
 
     information: float
@@ -88,12 +88,12 @@ class _Scores(NamedTuple):
 
     @property
     def tells(self) -> bool:
-        """Whether it tells a lag by itself, and how sure that is."""
+        """Whether it determines a lag and its uncertainty on its own."""
         return self.information > 0.0 and len(self.by_block) > 1
 
 
 def find_lag(recordings: Sequence[Recording]) -> Lag | None:
-    """The lag that all recordings share; None where none has rows that are dense enough."""
+    """Estimate the lag common to all recordings; None if no recording has dense enough rows."""
     against = "gyro" if any(recording.fog is not None for recording in recordings) else "reference"
     made = (of_wheels(recording, against) for recording in recordings)
     hold_s = float(np.median([held_s(recording) for recording in recordings]))
@@ -101,7 +101,7 @@ def find_lag(recordings: Sequence[Recording]) -> Lag | None:
 
 
 def reference_lag(recording: Recording) -> Lag | None:
-    """Delay of the reference's headings behind the gyro; None without one, or where rows are few or too far apart."""
+    """Delay of the reference's headings behind the gyro; None without either, or if rows are few or too far apart."""
     turns = of_reference(recording) or between_fixes(recording)
     return None if turns is None else _found("gyro", [turns], 0.0)
 
@@ -140,7 +140,7 @@ def _result(against: str, parts: Sequence[Turns], scores: Sequence[_Scores], lag
 
 
 def held_s(recording: Recording) -> float:
-    """Time for which the drive holds a wheel's speed, or its count: the median, and 0 where that is a single row."""
+    """Median time for which the drive holds a wheel's speed, or its count; 0 if that is a single row."""
     log = recording.encoders
     are_counts = log.left_counts is not None
     held_s = [np.zeros(0)]
@@ -148,7 +148,7 @@ def held_s(recording: Recording) -> float:
         if values is not None:
             steps = np.diff(values)
             changes = np.flatnonzero(steps) + 1
-            # A standstill is no hold.
+            # A standstill does not count as a hold.
             told = np.abs(steps[changes[1:] - 1]) >= FEWEST_COUNTS if are_counts else values[changes[:-1]] != 0.0
             held_s.append(np.diff(log.time_s[changes])[told])
     times_s = np.concatenate(held_s)
@@ -158,7 +158,7 @@ def held_s(recording: Recording) -> float:
 
 
 def _best_of_grid(parts: Sequence[Turns]) -> float:
-    """The lag from which the search sets out: the largest likelihood, noise of each recording unknown."""
+    """Starting point of the search: the lag of largest likelihood, each recording's noise being unknown."""
     grid = np.arange(EARLIEST_S, LATEST_S + 0.5 * GRID_S, GRID_S)
 
     def misfit(lag_s: float) -> float:
@@ -169,13 +169,13 @@ def _best_of_grid(parts: Sequence[Turns]) -> float:
 
 
 def _scores(part: Turns, residual: Array, slope: Array, by_wheels: Array) -> _Scores:
-    """The wheels' own slope is the instrument: the noise of the other sensor is in its slope, and would square."""
+    """Scores with the wheels' own slope as the instrument: the other slope contains noise, which would be squared."""
     instrument = part.weights / part.sigma**2 * by_wheels
     by_noise = part.noise_square * float(instrument @ instrument)
     return _Scores(float(instrument @ slope), part.by_block(instrument * residual), by_noise)
 
 
 def _scatter(clusters: Array) -> float:
-    """Sum of the squared scores, with the usual factor for few clusters; infinite for one."""
+    """Sum of squared scores, with the usual correction for few clusters; infinite for one."""
     count = len(clusters)
     return float(clusters @ clusters) * count / (count - 1) if count > 1 else math.inf

@@ -1,4 +1,4 @@
-"""Wheel calibration from recordings: reads, fits, tests, prints, writes."""
+"""Wheel calibration from recordings: read, fit, test, print and write."""
 
 import textwrap
 from collections.abc import Sequence
@@ -135,7 +135,7 @@ def _write_report(output: Path, inputs: Sequence[str], found: Found) -> None:
     longest = max(drives, key=lambda d: d.path_m)
     shown = [("fitted", longest, fit)]
     if figures:
-        # Another one than the fitted panel has, where there is another.
+        # Prefer a drive other than that of the fitted panel.
         held_out = max(figures, key=lambda f: (f.drive.name != longest.name, f.drive.path_m))
         shown.append(("held out", held_out.drive, held_out.fit))
     paths_picture(output / "paths.png", shown)

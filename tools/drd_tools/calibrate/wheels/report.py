@@ -17,7 +17,7 @@ NAME_LETTERS: Final = 38
 
 
 def paths_picture(file: Path, panels: Sequence[tuple[str, Drive, WheelFit]]) -> None:
-    """Draw the paths by nominal and calibrated wheels, and the reference's, a panel for each drive. Raises OSError."""
+    """Draw the paths of nominal wheels, calibrated wheels and reference, one panel per drive. Raises OSError."""
     with picture(file, 10.0, 5.4) as figure:
         all_axes: Any = figure.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, drive, fit) in zip(all_axes, panels, strict=True):
@@ -55,7 +55,7 @@ def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
 
 
 def returns_picture(file: Path, returns: Returns, result: Umbmark) -> None:
-    """Draw the return positions cw and ccw of UMBmark, their centroids, and what is left of them. Raises OSError."""
+    """Draw UMBmark's return positions cw and ccw, their centroids, and the residuals. Raises OSError."""
     with picture(file, 7.5, 6.0) as figure:
         axes: Any = figure.subplots()
         axes.axhline(0.0, color=GREY, linewidth=0.8)

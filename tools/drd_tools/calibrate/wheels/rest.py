@@ -1,4 +1,4 @@
-"""The gyro's noise and bias, from the standstills of recordings. (57)"""
+"""The gyro's noise and bias, from standstills in recordings. (57)"""
 
 import math
 from collections.abc import Sequence
@@ -14,27 +14,27 @@ from drd_tools.calibrate.wheels.covariance import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
 
-# Slower than this, on either side and in the mean over 1 s, a wheel stands: a count that flickers is less.
+# A robot stands still if both wheels are slower than this on average over 1 s; a flickering count stays below it.
 STILL_M_S: Final = 0.002
-# The chassis rocks after a stop, and the wheels may report a motion some tenths of a second late.
+# The chassis rocks after a stop, and the wheels may report motion some tenths of a second late.
 GUARD_S: Final = 1.0
 # Neighbouring samples are correlated over some 0.1 s by the gyro's filter; the bias wanders over minutes.
 BLOCK_S: Final = 1.0
-# Differences of neighbouring blocks: 30 tell the noise to 16 %.
+# Differences of neighbouring blocks: 30 determine the noise to 16 %.
 FEWEST: Final = 30
-# Shorter standstills say nothing of the bias: 5 s of a MEMS gyro of 5 deg/sqrt(h) leave 0.04 deg/s.
+# Shorter standstills do not determine the bias: with a MEMS gyro of 5 deg/sqrt(h), 5 s leave 0.04 deg/s.
 BIAS_S: Final = 5.0
-# A spread of biases that is not so many times their noise may be noise.
+# A spread of biases that is not so many times their noise may be due to noise.
 CLEARLY: Final = 2.0
 
 
 @dataclass(frozen=True)
 class Rest:
-    """The gyro at rest. `standstill_s` in all, `differences` of neighbouring blocks in one standstill.
+    """The gyro at rest: total `standstill_s`, and number of `differences` between neighbouring blocks.
 
-    `noise_deg_per_sqrt_h`: angle random walk with its sigma; None where there is too little standstill.
-    `bias_deg_s`: root mean square of the recordings' biases, from which a run without measurement begins; None for
-    fewer than four. `repeatability_deg_s`: how much the bias differs between recordings; None where noise explains it.
+    `noise_deg_per_sqrt_h`: angle random walk with its sigma; None if there is too little standstill.
+    `bias_deg_s`: rms bias of the recordings, the initial uncertainty of a run without a measured bias; None for
+    fewer than four. `repeatability_deg_s`: spread of the bias between recordings; None if noise explains it.
     """
 
     standstill_s: float
@@ -47,7 +47,7 @@ class Rest:
 
 
 def at_rest(recordings: Sequence[Recording]) -> Rest | None:
-    """Noise and bias from the standstills; None where no recording has a gyro."""
+    """Estimate noise and bias from the standstills; None if no recording has a gyro."""
     if all(recording.fog is None for recording in recordings):
         return None
     blocks = [_blocks(recording, recording.fog) for recording in recordings if recording.fog is not None]
@@ -72,7 +72,7 @@ def at_rest(recordings: Sequence[Recording]) -> Rest | None:
 
 
 def _blocks(recording: Recording, fog: FogLog) -> list[Array]:
-    """Means of the rate over blocks, for each standstill that holds two or more, rad/s."""
+    """Block means of the rate, for each standstill of two or more blocks, rad/s."""
     time_s, radius_m = recording.encoders.time_s, recording.nominal.wheel_radius_m
     still = np.ones(len(time_s), bool)
     for angle in recording.wheel_angles_rad():

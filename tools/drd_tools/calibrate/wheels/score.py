@@ -1,4 +1,4 @@
-"""What one recording says about the shared unknowns: its share of the normal equations."""
+"""Contribution of one recording to the normal equations of the shared unknowns."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from drd.arrays import Array
 
 @dataclass(frozen=True)
 class Scores:
-    """One recording's score and information on p shared unknowns, its q own ones eliminated.
+    """One recording's score and information on p shared unknowns, with its own q eliminated.
 
     `information`, shape (p, p); `gradient`, shape (p,).
     """
@@ -21,7 +21,7 @@ class Scores:
     coupling: Array
 
     def own_move(self, shared_move: Array) -> Array:
-        """The step of the recording's own unknowns that goes with a step of the shared ones, shape (q,)."""
+        """Step of the recording's own unknowns for a given step of the shared ones, shape (q,)."""
         push: Array = self.own_gradient + self.coupling.T @ shared_move
         return np.asarray(-np.linalg.solve(self.own_information, push))
 

@@ -1,4 +1,4 @@
-"""How much a value differs from recording to recording, beyond what the noise of each explains."""
+"""Spread of a value between recordings, beyond the noise of each."""
 
 import math
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
 def spread(values: Array, variances: Array) -> float:
     """Standard deviation between values, shape (n,), whose own variances are known; nan for fewer than two.
 
-    After Paule and Mandel: s is such that sum (value - mean)^2 / (variance + s^2) is n - 1, the mean being weighted
-    alike; 0 where the variances explain all. (54)
+    After Paule and Mandel: s is such that sum (value - mean)^2 / (variance + s^2) is n - 1, with a mean of the same
+    weights; 0 if the variances explain all. (54)
     """
     count = len(values)
     if count < 2:
@@ -34,11 +34,11 @@ def spread(values: Array, variances: Array) -> float:
 
 
 def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, ...]:
-    """Spread of left radius, right radius and tread, relative to `fit`; nan where fewer than two drives tell a value.
+    """Spread of left radius, right radius and tread, relative to `fit`; nan if fewer than two drives determine a value.
 
-    Each drive is fitted by itself, with the mounting of all: it would trade that for radii and tread. One that does not
-    tell a value is no witness for it. Its own noise is what its windows show: slip as on a data sheet is often larger,
-    and would hide how much drives differ.
+    Each drive is fitted alone, with the common mounting, which would otherwise be confounded with radii and tread.
+    Drives that do not determine a value are left out. The noise of each is that of its windows: data-sheet slip is
+    often larger, and would hide differences between drives.
     """
     if len(drives) < 2:
         return math.nan, math.nan, math.nan

@@ -1,4 +1,4 @@
-"""UMBmark as a user sees it: reads, computes, prints, writes."""
+"""Wheel calibration by UMBmark: read, compute, print and write."""
 
 import math
 from pathlib import Path
@@ -78,7 +78,7 @@ def rows(result: Umbmark) -> list[list[str]]:
 
 
 def significance(result: Umbmark) -> list[str]:
-    """A sentence for each error that is no larger than its uncertainty allows."""
+    """A sentence for each error that is not significant."""
     sentences = []
     for name, estimate, is_sure in (
         ("tread (alpha, E_b)", result.alpha_rad, result.significant[0]),
@@ -93,7 +93,7 @@ def significance(result: Umbmark) -> list[str]:
 
 
 def misfit(result: Umbmark, returns: Returns) -> list[str]:
-    """A sentence where the centroids are not what tread and wheel diameters can make."""
+    """A sentence if errors of tread and wheel diameters cannot explain the centroids."""
     worst = 0.0
     for runs_m, left_m in zip((returns.cw_m, returns.ccw_m), result.misfit_m, strict=True):
         if len(runs_m) > 1:
@@ -108,7 +108,7 @@ def misfit(result: Umbmark, returns: Returns) -> list[str]:
 
 
 def held_out_sentence(before_m: Array, after_m: Array) -> str:
-    """The held-out figure, or why there is none."""
+    """Sentence with the held-out figure, or why there is none."""
     if not len(before_m):
         return "No held-out figure: leaving one pair out needs two runs in each direction."
     rms = [float(np.sqrt(np.mean(distance_m**2))) for distance_m in (before_m, after_m)]

@@ -18,14 +18,14 @@ _HELD_OUT: Final = ("held out", "path m", "end cm", "end % of path", "rms cm", "
 
 
 def value_tables(found: Found) -> Iterator[tuple[Sequence[str], list[list[str]]]]:
-    """Header and rows: the wheels' values, and what was found of the sensors."""
+    """Header and rows of two tables: the wheels' values, and results on the sensors."""
     yield _VALUES, _value_rows(found.fit, found.apart, found.drives[0])
     if rows := _sensor_rows(found.lag, found.rest):
         yield _SENSORS, rows
 
 
 def _value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[list[str]]:
-    """The three values, as text. `apart`: their spread between recordings, relative, nan where it is not known."""
+    """The three values, as text. `apart`: their relative spread between recordings, nan if unknown."""
     radii = fit.determined[0] and fit.determined[1]
     old, new = drive.nominal, fit.wheels
     rows = []
@@ -47,7 +47,7 @@ def _value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[lis
 
 
 def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
-    """Rows of what was found of the sensors, as text; what was not determined is left out."""
+    """Rows of the results on the sensors, as text, without those that are not determined."""
     rows = []
     if lag is not None and lag.determined:
         apart = "-" if math.isnan(lag.spread_s) else f"{1000 * lag.spread_s:.1f} ms"

@@ -1,4 +1,4 @@
-"""Turns of two sensors over the same short times: what tells how late one is, and the tread. (56)"""
+"""Turns of two sensors over the same short windows, which determine the lag of one and the tread. (56)"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,13 +12,13 @@ from drd_tools import robust
 from drd_tools.calibrate.wheels.fit import HUBER
 from drd_tools.recordings.folder import Recording
 
-# Turns are compared over so long: more than the 0.25 to 0.5 s for which slow drives hold their speeds.
+# Length of the windows: longer than the 0.25 to 0.5 s for which slow drives hold their speeds.
 WINDOW_S: Final = 0.8
-# No multiple of a usual sampling period: rows fall on all phases of the samples, between which is interpolated.
+# Not a multiple of a usual sampling period, so that rows fall on all phases between the interpolated samples.
 STEP_S: Final = 0.097
-# Lags that are looked at. The daemon's own key ends at 1 s; no gyro's filter delays by half a second.
+# Range of lags searched. The daemon's own key ends at 1 s; no gyro's filter delays by half a second.
 EARLIEST_S, LATEST_S = -0.5, 1.0
-# Rows count while the wheels move within so long: the start and the end of a turn tell the lag.
+# Rows are used within this time of motion, since the start and the end of a turn determine the lag.
 NEAR_S: Final = 1.5
 MOVED_TREADS: Final = 0.01
 # A log with longer steps does not show when a turn begins.
@@ -26,19 +26,19 @@ LONGEST_STEP_S: Final = 0.4
 # Blocks of rows whose scores count as independent: longer than a typical turn.
 BLOCK_S: Final = 10.0
 FEWEST_ROWS: Final = 100  # 10 s of motion
-# Turns between the fixes of a sparse reference: over longer ones the gyro's own drift tells more than a lag.
+# Turns between the fixes of a sparse reference: over longer gaps the gyro's drift exceeds the effect of a lag.
 FEWEST_FIXES: Final = 20
 LONGEST_GAP_S: Final = 10.0
-LEAST_SIGMA_RAD: Final = 1e-6  # rounding; an errorless recording would have infinite weight
+LEAST_SIGMA_RAD: Final = 1e-6  # rounding; a recording without errors would have infinite weight
 DERIVATIVE_S: Final = 0.01
 
 
 @dataclass
 class Turns:
-    """Turns of wheels, or a reference, beside those of another sensor, in one recording.
+    """Turns of wheels or a reference, and those of another sensor, in one recording.
 
-    Angles and travel over tread, (n,); angle of the other; the times `at_s` (m,) about which they are compared, from
-    `half_s` before until as long after; and weights.
+    Angles and travel over tread, (n,); angle of the other sensor; the times `at_s` (m,) at the middle of windows of
+    `half_s` to each side, over which turns are compared; and weights.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Turns:
     sigma: float = 1.0
 
     def columns(self, lag_s: float | Array) -> tuple[Array, Array]:
-        """Turns (m,), and what explains them (m, 3): those of the other sensor, the travel, and the time."""
+        """Turns (m,), and their regressors (m, 3): those of the other sensor, travel, and time."""
         X = [
             over(self.other_s, self.other, self.at_s - lag_s, self.half_s),
             over(self.time_s, self.travel, self.at_s, self.half_s),
@@ -62,9 +62,9 @@ class Turns:
         return over(self.time_s, self.turn, self.at_s, self.half_s), np.column_stack(X)
 
     def regress(self, lag_s: float | Array) -> tuple[Array, Array, Array, float]:
-        """Residual, slope of the model over the lag, the same slope by the wheels, and wheels' turn per other turn.
+        """Residual, derivative of the model by the lag, the same from the wheels, and ratio of wheels' to other turn.
 
-        What the other regressors explain is taken off the first three.
+        The first three are orthogonal to the regressors.
         """
         (y, X), root = self.columns(lag_s), np.sqrt(self.weights)[:, None]
         slope = _slope(self.other_s, self.other, self.at_s - lag_s, self.half_s)
@@ -75,13 +75,13 @@ class Turns:
         return residual, -scale * slope, -by_wheels, scale
 
     def reweigh(self, residual: Array) -> None:
-        """Set the noise by the middle of the residuals, and Huber's weights against slip and jumps."""
+        """Set the noise from the residuals' robust deviation, and Huber's weights against slip and jumps."""
         self.sigma = max(LEAST_SIGMA_RAD, robust.deviation(residual, 0.0))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
     @property
     def noise_square(self) -> float:
-        """Variance of a row's turn times how many rows look at the same, since what they see hangs together."""
+        """Variance of a row's turn times the number of rows that overlap, since their turns are correlated."""
         return self.sigma**2 * float(np.mean(2.0 * self.half_s) / np.median(np.diff(self.at_s)))
 
     def by_block(self, scores: Array) -> Array:
@@ -91,7 +91,7 @@ class Turns:
 
 
 def of_wheels(recording: Recording, against: str) -> Turns | None:
-    """The recording's curves; None where it has no such sensor, hardly moves, or has rows too far apart."""
+    """Turns of wheels and other sensor; None without that sensor, with little motion, or with rows too far apart."""
     fog, reference = recording.fog, recording.reference
     if against == "gyro" and fog is not None:
         other_s, other = fog.time_s, _angle(fog)
@@ -107,7 +107,7 @@ def of_wheels(recording: Recording, against: str) -> Turns | None:
 
 
 def of_reference(recording: Recording) -> Turns | None:
-    """The curves of reference and gyro; None without one of them, or where rows are too far apart."""
+    """Turns of reference and gyro; None without one of them, or if rows are too far apart."""
     fog, reference = recording.fog, recording.reference
     if fog is None or reference is None:
         return None
@@ -116,7 +116,7 @@ def of_reference(recording: Recording) -> Turns | None:
 
 
 def between_fixes(recording: Recording) -> Turns | None:
-    """The turns from each fix of a sparse reference to the next; None where they are few or far apart."""
+    """Turns from each fix of a sparse reference to the next; None if they are few or far apart."""
     fog, reference = recording.fog, recording.reference
     if fog is None or reference is None:
         return None
@@ -132,14 +132,14 @@ def between_fixes(recording: Recording) -> Turns | None:
 
 
 def _angle(fog: FogLog) -> Array:
-    """Sum of a gyro's readings, rad."""
+    """Integral of a gyro's readings, rad."""
     return np.asarray(np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0])))
 
 
 def _compared(
     name: str, time_s: Array, turn: Array, travel: Array, moved: Array, other_s: Array, other: Array
 ) -> Turns | None:
-    """Rows in which one angle can be compared with another: dense, and near motion."""
+    """Select rows at which the angles can be compared: dense, and near motion."""
     if not len(time_s) or not len(other_s):
         return None
     half_s = 0.5 * WINDOW_S
@@ -158,13 +158,13 @@ def over(time_s: Array, angle: Array, at_s: Array, half_s: float | Array) -> Arr
 
 
 def _slope(time_s: Array, angle: Array, at_s: Array, half_s: float | Array) -> Array:
-    """Derivative of `over` in time."""
+    """Derivative of `over` by time."""
     ahead, behind = (over(time_s, angle, at_s + shift_s, half_s) for shift_s in (DERIVATIVE_S, -DERIVATIVE_S))
     return np.asarray((ahead - behind) / (2.0 * DERIVATIVE_S))
 
 
 def _is_dense(time_s: Array, at_s: Array, half_s: float | Array = 0.5 * WINDOW_S) -> npt.NDArray[np.bool_]:
-    """Whether the log has no long step within the times that a row may look at."""
+    """Whether the log has no long step within the reach of each row, over all lags."""
     long = np.concatenate([[0.0], np.cumsum(np.diff(time_s) > LONGEST_STEP_S)])
     reach_s = LATEST_S + half_s
     before, after = (np.searchsorted(time_s, at_s + shift_s) for shift_s in (-reach_s, reach_s))

@@ -20,13 +20,13 @@ from drd_tools.recordings.folder import read_table
 HEADER: Final = ("direction", "x_m", "y_m")
 CONFIDENCE: Final = 0.95
 RUNS: Final = 5  # in each direction, as Borenstein and Feng have it
-# What people read off a tape, coarsest first; the last is the least that a return is unsure by.
+# Usual resolutions of a tape measure, coarsest first; the last is the least uncertainty of a return.
 READ_TO_M: Final = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 
 
 @dataclass(frozen=True)
 class Returns:
-    """Return-position errors, where the robot stood less where its odometry said, m, shape (n, 2) each."""
+    """Return-position errors, true position minus that by odometry, m, shape (n, 2) each."""
 
     cw_m: Array
     ccw_m: Array
@@ -34,7 +34,7 @@ class Returns:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its standard deviation, of which 1.96 hold 95 %; nan where a single run leaves it unknown."""
+    """A value and its standard deviation, of which 1.96 cover 95 %; nan if a single run leaves it unknown."""
 
     value: float
     sigma: float
@@ -77,7 +77,7 @@ def _way(cell: str) -> float:
 
 
 def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
-    """Position at which a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
+    """Position where a robot ends that drives a square by odometry; direction +1 is ccw. Shape (2,). (55)
 
     Each leg is an arc that bends by beta to the left; each turn overshoots 90 deg by alpha in its own direction.
     """
@@ -96,7 +96,7 @@ def predict_m(alpha_rad: float, beta_rad: float, side_m: float) -> Array:
 
 
 def one_way_rad(returns_m: Array, side_m: float, direction: int) -> float:
-    """Angle that one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
+    """Angle measured in one direction: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
     x_m, y_m = returns_m.mean(axis=0)
     return float((x_m - direction * y_m) / (4.0 * side_m))
 
@@ -115,14 +115,14 @@ def diameters_ratio(beta_rad: float, side_m: float, tread_m: float) -> float:
 
 
 def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
-    """E_d, E_b and the corrections, from at least one return in each direction (ValueError otherwise).
+    """Compute E_d, E_b and the corrections, from at least one return in each direction (ValueError otherwise).
 
-    `tread_m` is the nominal one, with which the squares were driven.
+    `tread_m` is the nominal tread, with which the squares were driven.
     """
     if not len(returns.cw_m) or not len(returns.ccw_m):
         raise ValueError("returns of both directions are needed")
     alpha, beta = (float(value) for value in _solve(returns.cw_m, returns.ccw_m, side_m))
-    # To first order alpha and beta are half the sum and half the difference of what each direction tells.
+    # To first order alpha and beta are half the sum and half the difference of the two directions' angles.
     step_m = _read_to_m(returns)
     variances = [_variance_of_mean(m, way, side_m, step_m) for m, way in ((returns.cw_m, -1), (returns.ccw_m, 1))]
     freedom = max(len(returns.cw_m) + len(returns.ccw_m) - 2, 1)
@@ -149,9 +149,9 @@ def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
 
 
 def _variance_of_mean(returns_m: Array, direction: int, side_m: float, step_m: float) -> float:
-    """Variance of `one_way_rad` of coordinates that are read to `step_m`; nan for a single run.
+    """Variance of `one_way_rad` for coordinates of resolution `step_m`; nan for a single run.
 
-    Runs that scatter by less than they are read to are all rounded alike, which no mean takes off.
+    Runs that scatter by less than the resolution are all rounded alike, which averaging does not reduce.
     """
     if len(returns_m) < 2:
         return math.nan
@@ -160,7 +160,7 @@ def _variance_of_mean(returns_m: Array, direction: int, side_m: float, step_m: f
 
 
 def _read_to_m(returns: Returns) -> float:
-    """The coarsest of the usual steps that all coordinates are multiples of; else the finest."""
+    """Coarsest of the usual steps of which all coordinates are multiples; otherwise the finest."""
     read_m = np.concatenate([returns.cw_m, returns.ccw_m])
     fits = (step_m for step_m in READ_TO_M if np.abs(read_m - step_m * np.round(read_m / step_m)).max() < 1e-6)
     return next(fits, READ_TO_M[-1])
@@ -179,12 +179,12 @@ def _largest(centroids_m: Array, returns: Returns) -> Estimate:
 
 
 def leave_one_pair_out(returns: Returns, side_m: float) -> tuple[Array, Array]:
-    """Distances from the origin of the pair that was left out, before and after, shape (pairs, 2) each: cw, ccw.
+    """Distances of each left-out pair from the origin, before and after, shape (pairs, 2) each: cw, ccw.
 
-    Pair k, the k-th cw and the k-th ccw run, is corrected by what all other runs say.
+    Pair k, the k-th cw and the k-th ccw run, is corrected with the result of all other runs.
     """
     pairs = min(len(returns.cw_m), len(returns.ccw_m))
-    pairs = pairs if pairs > 1 else 0  # with one, nothing is left to correct it by
+    pairs = pairs if pairs > 1 else 0  # with one pair, no runs are left to correct it
     before, after = np.zeros((pairs, 2)), np.zeros((pairs, 2))
     for k in range(pairs):
         alpha, beta = _solve(np.delete(returns.cw_m, k, 0), np.delete(returns.ccw_m, k, 0), side_m)
@@ -195,7 +195,7 @@ def leave_one_pair_out(returns: Returns, side_m: float) -> tuple[Array, Array]:
 
 
 def runs_problem(returns: Returns) -> str:
-    """A sentence where there are fewer runs than UMBmark asks for; empty otherwise."""
+    """A sentence if there are fewer runs than UMBmark requires; empty otherwise."""
     cw, ccw = len(returns.cw_m), len(returns.ccw_m)
     if min(cw, ccw) >= RUNS:
         return ""

@@ -1,4 +1,4 @@
-"""Whole turns between sparse rows of a reference, counted by the wheels: nothing else tells them."""
+"""Count of whole turns between sparse rows of a reference, which only the wheels determine."""
 
 import math
 from collections.abc import Sequence
@@ -9,14 +9,14 @@ import numpy as np
 from drd_tools.calibrate.wheels.drive import Drive, counted
 from drd_tools.calibrate.wheels.fit import NAMES, new_part, setting_out, solve
 
-TOLD_NATS: Final = 5.0  # by which a count of turns must be likelier than others: 150 to 1
-SAME_TREAD: Final = 0.1  # counts of so little different treads differ in a row or two
-TREADS: Final = (1.0, *np.geomspace(0.5, 2.5, 24))  # over the nominal: so near that one of them sets out well
+TOLD_NATS: Final = 5.0  # by which a count of turns must be likelier than its rivals: 150 to 1
+SAME_TREAD: Final = 0.1  # counts of treads less different than this differ only in a row or two
+TREADS: Final = (1.0, *np.geomspace(0.5, 2.5, 24))  # over the nominal: close enough that one of them is a good start
 
 
 def with_turns(drives: Sequence[Drive]) -> list[Drive]:
-    """The drives of one robot with the whole turns between sparse rows counted by the tread that leaves least; by the
-    nominal one where another tread leaves as little. (53)
+    """Count whole turns between sparse rows in one robot's drives, with the tread of the smallest residuals; with the
+    nominal tread if another fits nearly as well. (53)
     """
     distinct: dict[bytes, list[Drive]] = {}
     as_given = np.concatenate([drive.reference_heading_rad for drive in drives])
@@ -32,7 +32,7 @@ def with_turns(drives: Sequence[Drive]) -> list[Drive]:
         parts = [new_part(drive) for drive in tried]
         try:
             shared = solve(parts, np.ones(len(NAMES), bool), setting_out(tried))
-        except np.linalg.LinAlgError:  # headings so far off that nothing is regular
+        except np.linalg.LinAlgError:  # headings so wrong that the normal equations are singular
             continue
         found.append((sum(part.cost for part in parts), 1.0 + float(shared[2]), tried))
     least, tread, best = min(found, key=lambda f: f[0], default=(math.inf, 1.0, by_nominal))

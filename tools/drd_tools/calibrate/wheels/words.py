@@ -1,4 +1,4 @@
-"""What the wheel calibration says in words: which values it cannot tell, and what to distrust."""
+"""Sentences of the wheel calibration: which values are not determined, and what to distrust."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from drd_tools.calibrate.wheels.heldout import HeldOut
 from drd_tools.calibrate.wheels.lag import LIMIT_S, Lag
 from drd_tools.calibrate.wheels.rest import FEWEST, Rest
 
-ONE_SIDED = 0.2  # turning to the lesser side, as part of the turning to the other
+ONE_SIDED = 0.2  # ratio of the turning to the lesser side to that to the other
 LITTLE_TURN_RAD = 0.5 * math.pi
 NOTABLE_SIGMA = 3.0
 NOISY = 1.5
@@ -22,7 +22,7 @@ VALUES = ("mean radius", "difference of the radii", "tread")
 
 
 def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
-    """A sentence for each value that stays at its nominal."""
+    """A sentence for each value that stays nominal."""
     if fit.is_lost:
         return [
             f"wheels: not determined, no values explain the reference: {1000 * min(fit.white_m):.0f} mm and "
@@ -56,7 +56,7 @@ def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
 
 
 def warnings(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
-    """Sentences on what makes this fit doubtful, from the data themselves."""
+    """Sentences on reasons in the data to doubt this fit."""
     said = []
     left, right = DEG_PER_RAD * np.sum([drive.turns_rad for drive in drives], axis=0)
     if max(left, right) > 90.0 and min(left, right) < ONE_SIDED * max(left, right):
@@ -84,7 +84,7 @@ def warnings(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
 def held_out_warnings(
     fit: WheelFit, drives: Sequence[Drive], other: WheelFit | None, tests: Sequence[Drive], figures: Sequence[HeldOut]
 ) -> list[str]:
-    """Sentences where the calibration does not carry over; `other` is a fit of the held-out recordings alone."""
+    """Sentences if the calibration does not generalise; `other` is a fit of the held-out recordings alone."""
     if not figures:
         return []
     said = []
@@ -128,7 +128,7 @@ def _way_of_driving(drives: Sequence[Drive], tests: Sequence[Drive]) -> str:
 
 
 def lag_sentences(lag: Lag | None) -> list[str]:
-    """Sentences on what the lag of the wheels means, or why it is not determined."""
+    """Sentences on the meaning of the wheels' lag, or why it is not determined."""
     if lag is None:
         return ["lag of the wheels: not determined, no recording has motion and rows dense enough to show it."]
     if not lag.determined:
