@@ -1,4 +1,4 @@
-"""`drd calibrate`: what to calibrate decides which command runs."""
+"""`drd calibrate`: run the command for the kind of calibration."""
 
 from typing import Final
 
@@ -12,5 +12,5 @@ KINDS: Final = {
 
 
 def main(argv: list[str]) -> int:
-    """Hand over to the kind's own command; returns its exit code."""
+    """Run the command of the chosen kind; return its exit code."""
     return hand_over("drd calibrate", "Measure the values that the daemon otherwise assumes.", "kind", KINDS, argv)

@@ -1,4 +1,4 @@
-"""Samples of the real gyro, through the daemon's own port, parser and clock."""
+"""Recorder of the real gyro, which uses the daemon's own port, parser and clock."""
 
 import asyncio
 import csv
@@ -16,7 +16,7 @@ from drd.ports.serial_port import SerialPort
 from drd.samples import GyroSample
 from drd.units import DEG_PER_RAD, RAD_PER_DEG, S_PER_NS
 
-# A gyro that sends nothing usable for so long is taken for dead.
+# A gyro that sends nothing usable for this long is considered dead.
 SILENCE_S: Final = 3.0
 SILENCE_BEATS: Final = 5.0
 POLL_S: Final = 0.1
@@ -24,7 +24,7 @@ POLL_S: Final = 0.1
 
 @dataclass
 class Progress:
-    """Running totals of a recording; angles in degrees, since people read them. Temperature: NaN where none is sent."""
+    """Running totals of a recording; angles in degrees, for display. The temperature is NaN if none is sent."""
 
     samples: int = 0
     recorded_s: float = 0.0
@@ -47,7 +47,7 @@ class Progress:
         return math.sqrt(max(spread, 0.0) * self.samples / (self.samples - 1))
 
     def add(self, sample: GyroSample) -> float:
-        """Count a sample in; returns its time since the first, s."""
+        """Add a sample; return its time since the first, s."""
         rate_deg_s = sample.rate_rad_s * DEG_PER_RAD
         if self.first_ns is None:
             self.first_ns = sample.t_ns
@@ -61,9 +61,9 @@ class Progress:
 
 
 class SampleFile:
-    """A CSV file that grows as the samples come, so that a power cut costs seconds. Columns as `header` says.
+    """A CSV file written as samples arrive, so that a power cut costs only seconds. `header` names the columns.
 
-    `constants` are columns between time and rate. Raises ConfigError where the file cannot be made.
+    `constants` are columns between time and rate. Raises ConfigError if the file cannot be made.
     """
 
     def __init__(self, file: Path, header: Sequence[str], constants: Sequence[str] = ()):
@@ -76,7 +76,7 @@ class SampleFile:
         self._writer.writerow(header)
 
     def add(self, time_s: float, sample: GyroSample) -> None:
-        """Write a row; the temperature stays empty where the gyro sends none."""
+        """Write a row; the temperature is empty if the gyro sends none."""
         temperature = "" if math.isnan(sample.temperature_c) else f"{sample.temperature_c:.4g}"
         rate = f"{sample.rate_rad_s * DEG_PER_RAD:.9g}"
         self._writer.writerow((f"{time_s:.6f}", *self._constants, rate, temperature))
@@ -92,11 +92,11 @@ class SampleFile:
 
 
 class RecordingError(Exception):
-    """The gyro does not deliver (any more). The text says why; what was recorded stays in its file."""
+    """The gyro delivers no samples, or none any more. The text says why; the file keeps those recorded."""
 
 
 def gyro_of(config: Config, where: str) -> Fog:
-    """The gyro's configuration. Raises ConfigError where the robot has none."""
+    """The gyro's configuration. Raises ConfigError if the robot has none."""
     if config.fog.protocol == "none":
         raise ConfigError(where, "fog.protocol", "a gyro", "'none'")
     return config.fog
@@ -137,7 +137,7 @@ async def _record(
                 on_sample(progress.add(sample), sample)
             except OSError as error:  # the disk is full
                 ended.set_exception(RecordingError(f"cannot write: {error.strerror}"))
-            # The first sample stands for an interval too.
+            # The first sample covers an interval too.
             if progress.recorded_s + sample.interval_s >= seconds and not ended.done():
                 ended.set_result(None)
 
@@ -163,7 +163,7 @@ async def _record(
 
 
 def _silence(fog: Fog, count: int, counters: dict[str, int]) -> str:
-    """Sentence on why there are no samples, by how far the bytes come."""
+    """Sentence on why there are no samples, according to how far the bytes get."""
     if count == 0:
         what = "no byte has come: is the gyro powered, is its cable on this port?"
     elif not counters["frames"]:

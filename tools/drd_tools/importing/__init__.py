@@ -1,1 +1,1 @@
-"""Recordings of other systems (ROS bags, CAN logs, tables) into the neutral recording folder."""
+"""Import of other systems' recordings (ROS bags, CAN logs, tables) into the neutral recording folder."""

@@ -1,4 +1,4 @@
-"""A ROS bag's topics and messages, by rosbags: ROS 1 and 2, and MCAP with ROS 2 messages."""
+"""Topics and messages of a ROS bag, read with rosbags: ROS 1 and 2, and MCAP with ROS 2 messages."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from drd_tools.importing.streams import Origin, Times
 class Bag:
     """An opened bag: `types` and `counts` of messages by topic, `seconds` from the first to the last one.
 
-    `stamps`: take the header's times or those of receipt ("header", "receive"). Raises ConfigError.
+    `stamps`: use the header's times or those of receipt ("header", "receive"). Raises ConfigError.
     """
 
     def __init__(self, path: Path, stamps: str):
@@ -35,18 +35,18 @@ class Bag:
             raise ConfigError(str(path), "", "a recording with topics", "none")
 
     def kind(self, topic: str, option: str) -> str:
-        """The topic's message type. Raises ConfigError where there is no such topic."""
+        """Message type of a topic. Raises ConfigError if there is no such topic."""
         if topic not in self.types:
             raise ConfigError(str(self.path), option, f"one of {', '.join(sorted(self.types))}", repr(topic))
         return self.types[topic]
 
     def read(self, topic: str, pick: Callable[[Any], Any]) -> tuple[Times, list[Any], Origin]:
-        """Times, and what `pick` takes from each message, in the order of the file. Raises ConfigError."""
+        """Read times, and `pick` of each message, in the order of the file. Raises ConfigError."""
         header, received, picked = [], [], []
         bare = False
         with self._reader() as reader:
             wanted = [c for c in reader.connections if c.topic == topic]
-            if len(types := sorted({c.msgtype for c in wanted})) > 1:  # with a header or without: times of two kinds
+            if len(types := sorted({c.msgtype for c in wanted})) > 1:  # without a header: times of two kinds
                 raise ConfigError(str(self.path), topic, "messages of one type", " and ".join(types))
             bar = tqdm(total=self.counts[topic], desc=topic, unit=" messages", disable=None, leave=False, delay=1.0)
             with bar:
@@ -64,7 +64,7 @@ class Bag:
         return time_ns, picked, origin
 
     def numbers(self, topic: str, pick: Callable[[Any], Sequence[float]]) -> tuple[Times, Array, Origin]:
-        """Times, and the numbers that `pick` takes, which must be finite: shape (n, k)."""
+        """Read times, and the numbers from `pick`, which must be finite: shape (n, k)."""
         time_ns, picked, origin = self.read(topic, pick)
         values = np.array(picked, dtype=float)
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -90,13 +90,13 @@ class Bag:
     @contextmanager
     def _reader(self) -> Iterator[AnyReader]:
         try:
-            # Bags before ROS 2 Iron hold no definitions; the standard messages are the same in all releases.
+            # Bags older than ROS 2 Iron hold no definitions; standard messages are the same in all releases.
             with AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
                 yield reader
         except ConfigError:
             raise
         except (AnyReaderError, OSError) as error:
             raise ConfigError(str(self.path), "", "a ROS bag, or MCAP with ROS 2 messages", str(error)) from error
-        except Exception as error:  # a damaged bag: its parsers raise what they like
+        except Exception as error:  # for a damaged bag, the parsers may raise anything
             got = f"{type(error).__name__}: {error}"
             raise ConfigError(str(self.path), "", "a bag that can be read", got) from error

@@ -1,4 +1,4 @@
-"""CAN log files, known by what they begin with: python-can reads them, but for candump's screen output."""
+"""Formats of CAN log files, recognised by their first bytes; python-can reads all but candump's screen output."""
 
 import gzip
 import re
@@ -14,7 +14,7 @@ from drd.config.schema import ConfigError
 
 GZIP: Final = b"\x1f\x8b"
 BLF_HEADER_BYTES: Final = 144
-# `candump` is what candump -l writes, `screen` what it shows; the others are python-can's suffixes.
+# `candump` is the file format of candump -l, `screen` its screen output; the others are python-can's suffixes.
 BY_SUFFIX: Final = {".asc": "asc", ".blf": "blf", ".trc": "trc"}
 BY_BEGINNING: Final = (
     ("blf", re.compile(rb"LOGG")),
@@ -34,13 +34,13 @@ _WALL_TIME: Final = re.compile(r"\d{9,}\.\d{6,9}")
 
 
 def format_of(path: Path) -> str | None:
-    """The CAN log's format, a name of BY_BEGINNING or BY_SUFFIX, or db; None for anything else.
+    """Format of a CAN log, a name of BY_BEGINNING or BY_SUFFIX, or db; None for anything else.
 
-    Raises ConfigError for an MF4 file, an SQLite file of unknown tables, and one that cannot be read.
+    Raises ConfigError for an MF4 file, an SQLite file with unknown tables, and an unreadable file.
     """
     head = begins(path)
     if head.startswith((b"MDF ", b"UnFinMF ")):
-        # python-can could, but once asammdf is installed it loads that with everything: 100 MB, also in the daemon.
+        # python-can could read it, but if asammdf is installed, always loads it: 100 MB, also in the daemon.
         expected = "another form of it: can_logconvert RUN.mf4 RUN.blf (pip install python-can asammdf, elsewhere)"
         raise ConfigError(str(path), "", expected, "an MF4 file")
     if head.startswith(b"SQLite format 3\0"):
@@ -50,12 +50,12 @@ def format_of(path: Path) -> str | None:
 
 
 def suffix_of(path: Path) -> str:
-    """The file name's ending in lower case, without that of gzip."""
+    """Suffix of the file name in lower case, ignoring .gz."""
     return next((s.lower() for s in reversed(path.suffixes) if s.lower() != ".gz"), "")
 
 
 def begins(path: Path) -> bytes:
-    """The first 200 bytes, unpacked. Raises ConfigError."""
+    """First 200 bytes, decompressed. Raises ConfigError."""
     try:
         with opened(path) as file:
             return bytes(file.read(200))
@@ -65,7 +65,7 @@ def begins(path: Path) -> bytes:
 
 @contextmanager
 def opened(path: Path, mode: str = "rb") -> Iterator[Any]:
-    """The file object, unpacked where it is gzip."""
+    """Open the file, decompressing gzip."""
     with path.open("rb") as file:
         packed = file.read(2) == GZIP
     with gzip.open(path, mode) if packed else path.open(mode) as file:
@@ -74,20 +74,20 @@ def opened(path: Path, mode: str = "rb") -> Iterator[Any]:
 
 @contextmanager
 def messages(path: Path, name: str) -> Iterator[Iterable[can.Message]]:
-    """The frames of a file of format `name`, with wall times where the file has them. Raises what its reader does."""
+    """Frames of a file of format `name`, with wall times if the file has them. Raises what its reader raises."""
     if name == "db":
         with can.SqliteReader(path) as reader:
             yield reader
         return
     with opened(path, "rb" if name == "blf" else "rt") as file:
-        # python-can leaves a file open that is no BLF.
+        # python-can does not close a file that is not BLF.
         if name == "blf" and (len(head := file.read(BLF_HEADER_BYTES)) < BLF_HEADER_BYTES or head[:4] != b"LOGG"):
             raise ConfigError(str(path), "", "a BLF file", f"one that begins with {head[:8]!r}")
         file.seek(0)
         if name == "screen":
             yield _of_screen(path, file)
         elif name == "asc":
-            # Its times count from the file's start; with the start's date they go with other files.
+            # Its times count from the file's start; adding the start's date makes them comparable with other files.
             yield can.ASCReader(file, relative_timestamp=False)
         else:
             readers: dict[str, Any] = {"blf": can.BLFReader, "candump": can.CanutilsLogReader, "csv": can.CSVReader,
@@ -96,7 +96,7 @@ def messages(path: Path, name: str) -> Iterator[Iterable[can.Message]]:
 
 
 def _of_screen(path: Path, file: Iterable[str]) -> Iterator[can.Message]:
-    """The data frames of `candump -ta`. Raises ConfigError for another clock, or none. A last line may be cut."""
+    """Data frames of `candump -ta`. Raises ConfigError for another clock, or none. The last line may be truncated."""
     for number, line in enumerate(file, 1):
         if not line.strip() or not line.endswith("\n"):
             continue

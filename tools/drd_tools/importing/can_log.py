@@ -22,16 +22,16 @@ from drd_tools.report.terminal import columns
 
 
 class CanLog(Source):
-    """A log of frames; `config` says how they are laid out and on what robot. Raises ConfigError.
+    """A log of frames; `config` describes their layout and the robot. Raises ConfigError.
 
-    `name`: the format, as can_formats.format_of has it.
+    `name`: the format, as returned by can_formats.format_of.
     """
 
     def __init__(self, path: Path, name: str, config: Path | None, channel: str | None):
         self.path, self._format, self._file, self._channel = path, name, config, channel
 
     def listing(self) -> list[str]:
-        """Each identifier, how often it comes, and which of its bytes change."""
+        """Table of identifiers, with their rates and the bytes that change."""
         count: Counter[tuple[str, int, bool]] = Counter()
         first: dict[tuple[str, int, bool], bytes] = {}
         changed: dict[tuple[str, int, bool], set[int]] = {}
@@ -60,7 +60,7 @@ class CanLog(Source):
                 f"  {words}"]  # fmt: skip
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
-        """The daemon's wheel samples, as travel in m: cumulative, paired in time, wraps and losses taken care of."""
+        """The daemon's wheel samples as cumulative travel in m, paired in time, with wraps and losses handled."""
         if name != "can":
             raise ConfigError("command line", "--wheels", "can, for a CAN log", repr(name))
         config, base = self._config()
@@ -81,7 +81,7 @@ class CanLog(Source):
         if self._file is None:
             raise ConfigError("command line", "--config", "a configuration that describes the frames", "nothing")
         config = load_config(self._file).value
-        # Counts are what the wheels did: factors of a calibration are applied when the recording is replayed.
+        # Counts stay raw: a calibration's factors are applied when the recording is replayed.
         return replace(config, robot=replace(config.robot, left_scale=1.0, right_scale=1.0)), self._file.parent
 
     def _frames(self) -> Iterator[tuple[str, CanFrame]]:
@@ -100,14 +100,14 @@ class CanLog(Source):
                     yield channel, CanFrame(t_ns, message.arbitration_id, message.is_extended_id, data)
         except ConfigError:
             raise
-        except Exception as error:  # the formats' parsers raise what they like
+        except Exception as error:  # the parsers may raise anything
             got = f"{type(error).__name__}: {error}"
             raise ConfigError(str(self.path), "", f"a CAN log ({self._format}) that can be read", got) from error
 
 
 def _travel(samples: list[WheelSample], resolution_m: float, origin: Origin) -> Wheels:
-    """Cumulative travel in m at each sample's ends. Time lost before a sample that is too long to be filled stays a
-    hole between rows.
+    """Compute cumulative travel in m at both ends of each sample. Time lost before a sample remains a gap between rows
+    if it is too long to be filled.
     """
     usual_s = median(sample.interval_s for sample in samples)
     rows: list[tuple[int, float, float]] = []
@@ -119,9 +119,9 @@ def _travel(samples: list[WheelSample], resolution_m: float, origin: Origin) -> 
             rows.append((begin_ns, left_m, right_m))
         elif begin_ns > rows[-1][0] + 1000:  # 1 us: rounding of the interval
             hole_s = (begin_ns - rows[-1][0]) * S_PER_NS
-            if hole_s <= longest_gap_s(1.0 / usual_s):  # no reader sees that it is one: the robot would have stood
+            if hole_s <= longest_gap_s(1.0 / usual_s):  # readers would not notice the gap, and assume a standstill
                 filled += 1
-                # Frames that were delivered in a bunch have a whole period's travel each, in no time.
+                # Frames delivered in a burst have a whole period's travel each, in almost no time.
                 part = hole_s / max(before.interval_s + sample.interval_s, 2.0 * usual_s)
                 left_m += part * (before.left_m + sample.left_m)
                 right_m += part * (before.right_m + sample.right_m)

@@ -1,7 +1,7 @@
-"""The usual traps of other systems' recordings, looked for in the data: each finding has its evidence in numbers.
+"""Checks of imported data for the usual pitfalls; each finding states its evidence in numbers.
 
-Wheels, reference and gyro are compared as yaw rates. What two of them disagree about is the fault of one of the two;
-which one, only a third tells: the reference, or gravity in the accelerometer, which shows the gyro's true axis.
+Wheels, reference and gyro are compared as yaw rates. If two disagree, one of them is wrong; only a third can show
+which: the reference, or gravity as measured by the accelerometer, which shows the gyro's true axis.
 """
 
 import math
@@ -17,7 +17,7 @@ from drd_tools.importing.matching import Match
 OK: Final = "ok"
 WRONG: Final = "wrong"
 UNKNOWN: Final = "cannot be determined"
-# How far a gain may be from one of the known factors: a skid-steer robot's tread alone makes up to 1.9.
+# Largest ratio of a gain to a known factor: a skid-steer robot's tread alone accounts for up to 1.9.
 SPREAD: Final = 2.5
 FACTORS: Final = {
     1.0: "",
@@ -25,17 +25,17 @@ FACTORS: Final = {
     1.0 / DEG_PER_RAD: "radians were taken for degrees",
 }
 STANDARD_GRAVITY_M_S2: Final = 9.80665
-# Full scale of the fastest of the gyros that drd reads (DSP-1750); no wheeled robot turns so fast.
+# Full scale of the fastest gyro that drd reads (DSP-1750); no wheeled robot turns so fast.
 FASTEST_DEG_S: Final = 1000.0
-# Delays below this are within what the stamps of a robot's sensors mean.
+# Shorter delays are within the accuracy of the sensors' time stamps.
 LEAST_OFFSET_S: Final = 0.01
-# Mean specific force, as part of gravity, that the vertical axis must show at least (cos 25 deg).
+# Smallest mean specific force along the vertical axis, as a fraction of gravity (cos 25 deg).
 UPRIGHT: Final = 0.9
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One check's outcome. `proposal`: the options that would set it right, and their values."""
+    """Result of one check. `proposal`: the options that would correct the fault, with their values."""
 
     check: str
     verdict: str
@@ -46,7 +46,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Gravity:
-    """The vertical by the accelerometer: axis, its sign (+1: the axis points up), how far it is off."""
+    """The vertical according to the accelerometer: axis, its sign (+1: the axis points up), tilt and force."""
 
     axis: int
     sign: int
@@ -55,7 +55,7 @@ class Gravity:
 
 
 def gravity(acceleration_m_s2: Array | None) -> Gravity | None:
-    """The vertical from the mean specific force, shape (n, 3); None where it is absent or no gravity."""
+    """Find the vertical from the mean specific force, shape (n, 3); None if it is missing or not gravity."""
     if acceleration_m_s2 is None or not len(acceleration_m_s2):
         return None
     mean = acceleration_m_s2.mean(axis=0)
@@ -70,9 +70,9 @@ def gravity(acceleration_m_s2: Array | None) -> Gravity | None:
 
 
 def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, felt: Gravity | None) -> Finding:
-    """Find which of the gyro's axes is the vertical one: by its likeness to `other`'s turning, and by gravity.
+    """Find the gyro's vertical axis, by its correlation with `other`'s turning and by gravity.
 
-    `matches`: of each axis with `other`; all None where there is nothing to compare with.
+    `matches`: of each axis with `other`; all None if there is nothing to compare with.
     """
     numbers = {f"correlation_{n}": m.correlation for n, m in zip(names, matches, strict=True) if m is not None}
     strength = np.array([abs(m.correlation) if m is not None else 0.0 for m in matches])
@@ -100,7 +100,7 @@ def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, f
 
 
 def most_turning(rates_rad_s: Array, names: tuple[str, ...]) -> Finding:
-    """The axis that turned by far the most, shape (n, 3); a hint, where there is neither wheel nor reference."""
+    """Find the axis that turned by far the most, shape (n, 3): a hint without wheels and reference."""
     spread = rates_rad_s.std(axis=0)
     best = int(np.argmax(spread))
     numbers = {f"rms_deg_s_{n}": float(s) * DEG_PER_RAD for n, s in zip(names, spread, strict=True)}
@@ -112,11 +112,11 @@ def most_turning(rates_rad_s: Array, names: tuple[str, ...]) -> Finding:
 
 
 def check_unit(found: Match | None, what: str, other: str) -> Finding:
-    """Check whether a gain is that of degrees taken for radians, or the other way round."""
+    """Check whether a gain indicates degrees mistaken for radians, or vice versa."""
     check = f"unit, {what} against {other}"
     if found is None or not found.is_clear:
         return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")
-    # By least squares on the one, and on the other: the noise of each pulls its own result, the truth lies between.
+    # Regression of either on the other: the regressor's noise biases each result, and the truth lies between.
     low, high = abs(found.gain), abs(found.gain) / found.correlation**2
     numbers = {"gain": found.gain, "gain_sigma": found.gain_sigma, "gain_at_most": math.copysign(high, found.gain)}
     told = f"turning of {what} over {other}: {low:.4g} to {high:.4g}, by whose noise is larger"
@@ -129,12 +129,12 @@ def check_unit(found: Match | None, what: str, other: str) -> Finding:
 
 
 def mistaken_unit(low: float, high: float) -> str | None:
-    """The mistake by which a gain from low to high comes about, "" for none; None where no unit is so far off."""
+    """Mistake that explains a gain from low to high, "" for none; None if no unit explains it."""
     return next((m for factor, m in FACTORS.items() if low < factor * SPREAD and high > factor / SPREAD), None)
 
 
 def check_peak(rate_rad_s: Array) -> Finding | None:
-    """Check whether the gyro's rates, shape (n,), are beyond what a robot does; None where they are not."""
+    """Check whether the gyro's rates, shape (n,), are too fast for a robot; None if they are not."""
     peak_deg_s = float(np.abs(rate_rad_s).max()) * DEG_PER_RAD
     if peak_deg_s <= FASTEST_DEG_S:
         return None
@@ -143,9 +143,9 @@ def check_peak(rate_rad_s: Array) -> Finding | None:
 
 
 def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) -> Finding | None:
-    """Check whether a wheel is faster than a replay believes; None where not. Travels since the start, shape (n,)."""
+    """Check whether a wheel is too fast for a replay; None if not. Travels are since the start, shape (n,)."""
     step_s = np.diff(time_s)
-    # As in a replay: rows that were written in bunches may carry a whole period's travel each.
+    # As in a replay: rows written in bursts may contain a whole period's travel each.
     step_s = np.maximum(step_s, np.median(step_s))
     speed_m_s = np.maximum(np.abs(np.diff(left_m)), np.abs(np.diff(right_m))) / step_s
     fast = int((speed_m_s > limit_m_s).sum())
@@ -160,7 +160,7 @@ def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) 
 
 
 def check_offset(found: Match | None, what: str, other: str, option: str) -> Finding:
-    """Check how much later `what` shows the motion than `other` does; `option` shifts the stamps of `what`."""
+    """Check how much `what` lags behind `other`; `option` shifts the stamps of `what`."""
     check = f"clock, {what} against {other}"
     if found is None or not found.is_clear:
         return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")

@@ -1,4 +1,4 @@
-"""`drd import`: another system's recording into a recording folder, checked for the usual traps."""
+"""`drd import`: convert another system's recording to a recording folder, and check it for the usual pitfalls."""
 
 import argparse
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ from drd_tools.recordings.folder import POSES, continuous_rad, write_table
 
 @dataclass
 class Imported:
-    """The streams of one import, and what is done to them. `sign`: of the gyro, `rows`: of encoders.csv."""
+    """Streams of one import, and the changes made to them. `sign`: of the gyro, `rows`: of encoders.csv."""
 
     gyro: Gyro | None = None
     wheels: Wheels | None = None
@@ -46,7 +46,7 @@ class Imported:
 
 
 def main(argv: list[str]) -> int:
-    """List, or import, print and return the exit code. Raises ConfigError on bad input."""
+    """List or import, print, and return the exit code. Raises ConfigError on bad input."""
     chosen = parser().parse_args(argv)
     names = [name for name in ("gyro", "wheels", "reference") if getattr(chosen, name) is not None]
     if not names:
@@ -65,7 +65,7 @@ def main(argv: list[str]) -> int:
 
 
 def read(chosen: argparse.Namespace, names: list[str]) -> Imported:
-    """The streams in the source's units, shifted where the options say by how much. Raises ConfigError."""
+    """Read the streams in the source's units, and apply the shifts that the options state. Raises ConfigError."""
     made = Imported()
     for name in names:
         path: Path = getattr(chosen, f"{name}_file") or chosen.file
@@ -103,7 +103,7 @@ def read(chosen: argparse.Namespace, names: list[str]) -> Imported:
 
 
 def check(made: Imported, chosen: argparse.Namespace) -> None:
-    """Look for the traps, and apply what `auto` asks for. Raises ConfigError where the data cannot tell."""
+    """Run the checks, and apply their results to options set to `auto`. Raises ConfigError if undetermined."""
     axis = None if chosen.axis == "auto" else chosen.axis
     made.sign = -1 if chosen.sign == "-" else 1
     streams = for_checks(made.gyro, made.gyro_unit, made.rows, made.nominal, made.reference, _zero_ns(made))
@@ -131,7 +131,7 @@ def check(made: Imported, chosen: argparse.Namespace) -> None:
 
 
 def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[Path]:
-    """Write the folder's files; returns their paths. Raises ConfigError."""
+    """Write the folder's files; return their paths. Raises ConfigError."""
     folder: Path = chosen.output
     prepare(folder)
     zero_ns, rows = _zero_ns(made), made.rows
@@ -159,7 +159,7 @@ def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[P
 
 
 def after(made: Imported, max_lag_s: float) -> Match | None:
-    """Gyro against wheels as they stand in the folder."""
+    """Match of gyro and wheels as written to the folder."""
     if made.gyro is None or made.rows is None or made.nominal is None:
         return None
     zero_ns, nominal = _zero_ns(made), made.nominal
@@ -201,7 +201,7 @@ def _shift_as_found(made: Imported, name: str) -> None:
 
 
 def _require(option: str, finding: Finding | None, made: Imported) -> None:
-    """Raise ConfigError where the data do not tell what `auto` shall be."""
+    """Raise ConfigError if the data do not determine the value of `auto`."""
     if finding is None or (finding.verdict != OK and option not in finding.proposal):
         raise _cannot(option, finding, made)
 
@@ -222,7 +222,7 @@ def _ask_units(chosen: argparse.Namespace, name: str) -> None:
 
 
 def _overlap(made: Imported) -> None:
-    """Raise ConfigError where the streams do not overlap in time."""
+    """Raise ConfigError if the streams do not overlap in time."""
     spans = {
         name: (int(values.time_ns[0]), int(values.time_ns[-1]))
         for name in made.origins
@@ -234,7 +234,7 @@ def _overlap(made: Imported) -> None:
 
 
 def _stands_s(made: Imported) -> float:
-    """Time at the start in which no wheel moves."""
+    """Time at the start during which no wheel moves."""
     if made.rows is None:
         return 0.0
     rows = made.rows

@@ -1,4 +1,4 @@
-"""From a source's units, axes and sides to the recording folder's."""
+"""Conversion from a source's units, axes and sides to those of the recording folder."""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class EncoderRows:
     are_counts: bool
 
     def angles_rad(self, counts_per_revolution: float | None) -> tuple[Array, Array]:
-        """Angles that the sides have turned by since the first row."""
+        """Angles of the sides since the first row."""
         if self.are_counts:
             assert counts_per_revolution is not None
             factor = 2.0 * math.pi / counts_per_revolution
@@ -35,11 +35,11 @@ class EncoderRows:
         return np.cumsum(self.left * step_s), np.cumsum(self.right * step_s)
 
     def changed(self, *, swap: bool, reverse: str | None) -> "EncoderRows":
-        """The sides exchanged, then the signs of `reverse` (left, right or both) turned round."""
+        """Exchange the sides if `swap`, then invert the signs of `reverse` (left, right or both)."""
         left, right = (self.right, self.left) if swap else (self.left, self.right)
         left = -left if reverse in ("left", "both") else left
         right = -right if reverse in ("right", "both") else right
-        # -0.0 reads badly.
+        # Avoid -0.0.
         return replace(self, left=left + 0.0, right=right + 0.0)
 
 
@@ -49,19 +49,19 @@ def steps_s(time_ns: Times) -> Array:
 
 
 def gyro_rad_s(gyro: Gyro, unit: str) -> Array:
-    """Rates in rad/s, shape (n, k). Of angles the first row has no interval: the typical one is taken."""
+    """Rates in rad/s, shape (n, k). For angles, the first row uses the typical interval, as it has none."""
     value = gyro.value * (RAD_PER_DEG if unit in ("deg_s", "deg") else 1.0)
     if unit in ("rad_s", "deg_s"):
         return value
     step_s = steps_s(gyro.time_ns)
     typical_s = float(np.median(step_s[1:])) if len(step_s) > 1 else 1.0
     step_s[0] = typical_s
-    # After a hole the angle is still that of one sample.
+    # After a gap the angle is still that of one sample.
     return np.asarray(value / np.where(step_s > 1.5 * typical_s, typical_s, step_s)[:, None])
 
 
 def encoder_rows(wheels: Wheels, nominal: Robot) -> EncoderRows:
-    """Make rows of encoders.csv. Cumulative angles and travels become mean speeds, which loses nothing."""
+    """Make rows of encoders.csv. Cumulative angles and travels become mean speeds, without loss."""
     left, right, radius_m = wheels.left, wheels.right, nominal.wheel_radius_m
     if wheels.unit == "counts":
         return EncoderRows(wheels.time_ns, _unwrapped(left, wheels), _unwrapped(right, wheels), are_counts=True)
@@ -101,7 +101,7 @@ def for_checks(
     gyro: Gyro | None, gyro_unit: str, rows: EncoderRows | None, nominal: Robot | None, reference: Reference | None,
     zero_ns: int,
 ) -> tuple[GyroRates | None, WheelTravel | None, ReferenceLog | None]:  # fmt: skip
-    """The three streams in SI units on one clock, signs and sides as they came."""
+    """Make the three streams in SI units on one clock, with signs and sides as imported."""
     rates = travel = poses = None
     if gyro is not None:
         rates = GyroRates(

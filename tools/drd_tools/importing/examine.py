@@ -1,4 +1,4 @@
-"""All checks of one import: the streams in SI units in, findings out."""
+"""All checks of one import: from streams in SI units to findings."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ from drd_tools.recordings.folder import ReferenceLog
 
 @dataclass(frozen=True)
 class GyroRates:
-    """Rates about each axis, shape (n, k), with the accelerometer's readings, shape (n, 3), where there are some."""
+    """Rates about each axis, shape (n, k), with the accelerometer's readings, shape (n, 3), if there are any."""
 
     time_s: Array
     rate_rad_s: Array
@@ -32,7 +32,7 @@ class GyroRates:
 
 @dataclass(frozen=True)
 class WheelTravel:
-    """Travel of each side since the first row, shape (n,), and the tread that makes a turn of their difference."""
+    """Travel of each side since the first row, shape (n,), and the tread."""
 
     time_s: Array
     left_m: Array
@@ -42,7 +42,7 @@ class WheelTravel:
 
 @dataclass(frozen=True)
 class Examined:
-    """The findings, and the axis on which those of sign, unit and clock rest (None: no gyro, or no axis known)."""
+    """The findings, and the axis used for sign, unit and clock (None: no gyro, or no axis known)."""
 
     findings: list[Finding]
     axis: int | None
@@ -57,9 +57,9 @@ def examine(
     sign: int,
     max_lag_s: float,
 ) -> Examined:
-    """Look for all traps in the data as the options have them. `axis`: None where the data shall tell.
+    """Run all checks on the data as the options state them. `axis`: None to find it from the data.
 
-    `sign` (+1 or -1) is the gyro's in force. Findings on units and clocks hold whatever the signs are.
+    `sign` (+1 or -1) is that applied to the gyro. Findings on units and clocks do not depend on the signs.
     """
     turned = None if wheels is None else Turning(wheels.time_s, (wheels.right_m - wheels.left_m) / wheels.tread_m)
     truth = None if reference is None else Turning(reference.time_s, reference.heading_rad)
@@ -108,7 +108,7 @@ def _units_and_clocks(
         findings.append(check_offset(_turned_round(seen.gyro_wheels), "wheels", "gyro", "shift-wheels"))
     if turned is not None and truth is not None:
         findings.append(check_unit(seen.wheels_reference, "wheels", "reference"))
-        # Where there is a gyro, its clock is the one to which both are set.
+        # If there is a gyro, both are set to its clock.
         if gyro_turned is None:
             findings.append(check_offset(seen.wheels_reference, "wheels", "reference", "shift-wheels"))
     return findings
@@ -151,7 +151,7 @@ def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> floa
 
 
 def _turned_round(found: Match | None) -> Match | None:
-    """Reverse the delay of a match: the gyro's clock is the one that is kept."""
+    """Reverse the delay of a match, since the gyro's clock is kept."""
     if found is None:
         return None
     return replace(found, lag_s=-found.lag_s)

@@ -1,4 +1,4 @@
-"""Raw bytes of a fibre-optic gyro, as its serial line gave them, read by the daemon's own parsers."""
+"""Raw bytes from the serial line of a fibre-optic gyro, read by the daemon's own parsers."""
 
 import zlib
 from pathlib import Path
@@ -18,21 +18,21 @@ from drd_tools.importing.can_formats import opened
 from drd_tools.importing.streams import Gyro, Origin, Source
 
 CHUNK: Final = 1 << 16
-# Counters of what was a packet before it was damaged; each took a beat.
+# Counters of damaged packets; each took one sampling period.
 DAMAGED: Final = ("malformed_lines", "bad_checksum", "framing_errors")
 
 
 class FogBytes(Source):
-    """A file of bytes without times: each packet's place in a count gives them, at the configured rate.
+    """A file of bytes without times, which follow from the packet count at the configured rate.
 
-    `config`: whose `fog` section describes the packets. Raises ConfigError.
+    `config`: file whose `fog` section describes the packets. Raises ConfigError.
     """
 
     def __init__(self, path: Path, config: Path | None):
         self.path, self._config = path, config
 
     def listing(self) -> list[str]:
-        """Tell what can be done with such a file."""
+        """Describe how to import such a file."""
         return [
             f"{self.path}: {self.path.stat().st_size} bytes",
             "",
@@ -49,7 +49,7 @@ class FogBytes(Source):
         return data
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
-        """The valid readings, as rates; `fog.positive` is applied."""
+        """Valid readings as rates, with `fog.positive` applied."""
         if name != "fog":
             raise ConfigError("command line", "--gyro", "fog, for a file of a gyro's bytes", repr(name))
         if self._config is None:
@@ -73,7 +73,7 @@ class FogBytes(Source):
         origin.notes.append(f"{told}; {lost} packets lost by {by}, {int((~valid).sum())} not valid")
         beats = np.cumsum(steps)
         if fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated":
-            # Only these angles hold the turn of lost lines, too: a row for each, since one after a hole stands for one.
+            # Only these angles include the turn of lost lines: make a row for each, since a row covers one period.
             value, valid, temperature_c = (np.repeat(x, steps) for x in (value / steps, valid, temperature_c))
             beats = np.arange(1, beats[-1] + 1)
         time_ns = np.round(beats[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
@@ -82,13 +82,13 @@ class FogBytes(Source):
 
 
 def _packets(protocol: FogProtocol, data: bytes) -> tuple[list[FogReading], npt.NDArray[np.int64]]:
-    """The readings, and for each the beats since the one before, shape (n,), 1 for the first.
+    """Readings, and the number of periods since the previous one, shape (n,), 1 for the first.
 
-    A packet's own count says how many were lost before it, up to a whole turn of the count; where they have none, what
-    is left of damaged ones does.
+    A packet's sequence number shows how many were lost before it, modulo its range; without one, the remains of
+    damaged packets are counted.
     """
     readings, places = list[FogReading](), list[int]()
-    size = 1 if protocol.sequence_modulus is None else CHUNK  # byte by byte, the counters are those at each reading
+    size = 1 if protocol.sequence_modulus is None else CHUNK  # byte by byte: counters must be those at each reading
     for begin in tqdm(range(0, len(data), size), "bytes", disable=None, leave=False, delay=1.0):
         for reading in protocol.feed(data[begin : begin + size]):
             if readings and reading.is_copy_of(readings[-1]):

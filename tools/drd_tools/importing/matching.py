@@ -1,4 +1,4 @@
-"""Two measurements of the same rotation: delay, gain and correlation between them, each with its uncertainty."""
+"""Delay, gain and correlation between two measurements of the same rotation, with their uncertainties."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,17 +10,17 @@ from scipy.ndimage import gaussian_filter1d
 
 from drd.arrays import Array
 
-# Rates are compared as means over cells no shorter than this: encoders' steps and vibration are averaged out.
+# Shortest cell over which rates are averaged before comparison, against encoder steps and vibration.
 CELL_S: Final = 0.05
 # Width of the smoothing of both angles, in intervals of the coarser stream.
 SMOOTHING: Final = 1.5
 WIDER: Final = (1, 4, 16)
-# The jackknife leaves out one block after the other; shorter ones are not independent of their neighbours.
+# The jackknife leaves out one block at a time; shorter blocks are not independent of their neighbours.
 BLOCK_S: Final = 2.0
 BLOCKS: Final = (5, 20)
-# Two unrelated slow motions reach half of this by chance; wheels and gyro of one robot are far above.
+# Two unrelated slow motions reach half of this by chance; wheels and gyro of one robot far exceed it.
 LEAST_CORRELATION: Final = 0.6
-# The part of a cell below which a delay means nothing: interpolation between samples shifts the peak by as much.
+# Least uncertainty of a delay, in cells: interpolation between samples shifts the peak by as much.
 LAG_FLOOR: Final = 0.05
 
 
@@ -36,8 +36,8 @@ class Turning:
 class Match:
     """b(t) = gain a(t - lag) + constant, where |correlation| is largest; sigmas by the block jackknife.
 
-    `lag_s`: how much later b shows the motion. `gain` is by least squares on a, whose noise makes it too small: it
-    tells units apart and is no scale factor. `at_edge`: the largest correlation is at the end of the lags tried.
+    `lag_s`: delay of b behind a. `gain` is a regression on a, whose noise makes it too small: it distinguishes units
+    but is no scale factor. `at_edge`: the largest correlation is at the end of the lags tried.
     """
 
     lag_s: float
@@ -51,27 +51,27 @@ class Match:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the two surely show the same motion."""
+        """Whether the two clearly show the same motion."""
         r, sigma = abs(self.correlation), self.correlation_sigma
         return not self.at_edge and r >= LEAST_CORRELATION and r - 3.0 * sigma > 0.5 * LEAST_CORRELATION
 
     @property
     def sign(self) -> int:
-        """+1 where both turn the same way, else -1."""
+        """+1 if both turn the same way, otherwise -1."""
         return 1 if self.gain > 0.0 else -1
 
 
 def angle_of(time_s: Array, rate_rad_s: Array) -> Array:
-    """The angle at each time, shape (n,), where each rate is the mean over the interval that ends there."""
+    """Angle at each time, shape (n,); each rate is the mean over the interval that ends there."""
     return np.cumsum(rate_rad_s * np.diff(time_s, prepend=time_s[0]))
 
 
 def match(a: Turning | None, b: Turning | None, max_lag_s: float) -> Match | None:
     """Compare the rates of `b` with those of `a` at lags of up to +-`max_lag_s`.
 
-    None where one of them is missing, or where they overlap for too short a time. Times rise. The constant part of both
-    rates is left out: a gyro's bias is one. Of the cells over which rates are means, the shortest are taken that show a
-    clear match: they tell the lag best, longer ones leave less of the angles' noise.
+    None if one of them is missing, or if they overlap too briefly. Times must increase. Constant parts of the rates,
+    such as a gyro's bias, are ignored. Rates are averaged over the shortest cells that give a clear match: short cells
+    resolve the lag best, longer ones average out more noise.
     """
     if a is None or b is None or min(len(a.time_s), len(b.time_s)) < 3:
         return None
@@ -89,9 +89,9 @@ def match(a: Turning | None, b: Turning | None, max_lag_s: float) -> Match | Non
 
 
 def _smooth(one: Turning, coarse_s: float) -> Turning:
-    """Smooth each angle by the same Gaussian, so that interpolation between samples takes no more of their noise.
+    """Smooth an angle with the common Gaussian, so that interpolation between samples no longer reduces its noise.
 
-    Otherwise lags at which it takes the most of it look like the best ones: halves of a sample.
+    Otherwise the lags at which it reduces noise the most, half samples, would look best.
     """
     sigma = SMOOTHING * coarse_s / float(np.median(np.diff(one.time_s)))
     reach = min(len(one.angle_rad) - 1, math.ceil(4.0 * sigma))
@@ -126,15 +126,15 @@ def _match(one: Turning, other: Turning, max_lag_s: float, cell_s: float) -> Mat
 
 
 def _sums(a: Array, b: Array, begins: npt.NDArray[np.int_]) -> Array:
-    """Count, sums and sums of products in each block, shape (6, blocks)."""
+    """Count, sums and sums of products of each block, shape (6, blocks)."""
     return np.array([np.add.reduceat(column, begins) for column in (np.ones_like(a), a, b, a * a, b * b, a * b)])
 
 
 def _best(sums: Array, lags_s: Array) -> tuple[float, float, float, bool] | None:
-    """Lag, gain, correlation and whether it is at the end, from sums of shape (lags, 6)."""
+    """Lag, gain and correlation at the peak, and whether it is at an end, from sums of shape (lags, 6)."""
     n, a, b, aa, bb, ab = sums.T
     var_a, var_b, cov = aa / n - (a / n) ** 2, bb / n - (b / n) ** 2, ab / n - a * b / n**2
-    # What rounding leaves of a constant rate is no motion.
+    # Rounding errors of a constant rate are no motion.
     if not (var_a.max() > 1e-18 and var_b.max() > 1e-18):
         return None
     r = cov / np.sqrt(np.maximum(var_a * var_b, 1e-300))

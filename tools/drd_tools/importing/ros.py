@@ -28,14 +28,14 @@ from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, 
 from drd_tools.report.terminal import columns
 
 VECTORS: Final = {IMU: "angular_velocity", "geometry_msgs/msg/Vector3Stamped": "vector"}
-# Counters start again where their type does.
+# Counters wrap at the range of their type.
 MODULI: Final = {f"std_msgs/msg/{kind}": 2**bits for bits in (8, 16, 32) for kind in (f"Int{bits}", f"UInt{bits}")}
 
 
 class RosSource(Source):
     """A bag file, a bag's folder, or an MCAP file. Raises ConfigError.
 
-    `joints`: names of the left and of the right ones. `pose`: take wheels from an odometry's poses, not its speeds.
+    `joints`: names of the left and right ones. `pose`: derive wheels from an odometry's poses, not its speeds.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class RosSource(Source):
         self.path, self._where = path, str(path)
 
     def listing(self) -> list[str]:
-        """The topics, and a proposal. Rates are means over the whole recording."""
+        """Table of topics, and a proposed command. Rates are means over the whole recording."""
         bag = self._bag
         rows = [["topic", "type", "messages", "Hz"]]
         for topic, kind in sorted(bag.types.items()):
@@ -60,7 +60,7 @@ class RosSource(Source):
         return [f"{bag.path}: {bag.seconds:.1f} s", *columns(rows, (0, 1), ""), *proposal(bag.types, bag.path)]
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
-        """An Imu's or Vector3Stamped's topic, or TOPIC:FIELD with one number."""
+        """Read a topic of Imu or Vector3Stamped, or TOPIC:FIELD with one number."""
         topic, path = _parts(name)
         kind = self._bag.kind(topic, "--gyro")
         if path:
@@ -77,12 +77,12 @@ class RosSource(Source):
         rates, force, covariance = values[:, :3], values[:, 3:6], values[:, 6]
         if not np.isfinite(rates).all():
             raise ConfigError(self._where, topic, "finite rates", "others")
-        # The first covariance is -1 where a driver has no such sensor (sensor_msgs/Imu).
+        # The first covariance is -1 if there is no such sensor (sensor_msgs/Imu).
         has_force = bool((covariance != -1.0).all() and np.isfinite(force).all())
         return Gyro(time_ns, rates, ("x", "y", "z"), force if has_force else None), origin
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
-        """A topic of a known type, or LEFT,RIGHT of TOPIC:FIELD each."""
+        """Read a topic of a known type, or LEFT,RIGHT, each as TOPIC:FIELD."""
         if "," in name:
             return self._two_fields(name)
         topic, path = _parts(name)
@@ -102,7 +102,7 @@ class RosSource(Source):
         return Wheels(time_ns, values[:, 0], values[:, 1], "twist"), origin
 
     def reference(self, name: str) -> tuple[Reference, Origin]:
-        """A topic of poses."""
+        """Read a topic of poses."""
         kind = self._bag.kind(name, "--reference")
         if kind not in REFERENCES:
             why = " (a fix has no heading)" if kind == "sensor_msgs/msg/NavSatFix" else ""
@@ -111,7 +111,7 @@ class RosSource(Source):
         return Reference(time_ns, *poses.T), origin
 
     def _from_poses(self, topic: str, kind: str) -> tuple[Wheels, Origin]:
-        """Speed and yaw rate between an odometry's poses: the means over the intervals that end with the rows."""
+        """Mean speed and yaw rate between an odometry's poses, over the interval that ends at each row."""
         if kind != ODOMETRY:
             raise ConfigError(self._where, f"--wheels {topic}", f"{ODOMETRY} for --wheels-from pose", kind)
         poses, origin = in_order(*self.reference(topic))
@@ -183,7 +183,7 @@ def _imu(message: Any) -> tuple[float, ...]:
 
 
 def _nearest(left_ns: Times, right_ns: Times, origin: Origin) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.bool_]]:
-    """Find for each left row the right one nearest in time, and whether it is near enough to be its pair."""
+    """Find the right row nearest in time to each left row, and whether it is close enough to be its pair."""
     order = np.argsort(right_ns, kind="stable")
     times = right_ns[order]
     after = np.minimum(np.searchsorted(times, left_ns), len(times) - 1)

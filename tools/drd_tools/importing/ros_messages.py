@@ -1,4 +1,4 @@
-"""What ROS messages hold for dead reckoning: fields of rates and speeds, poses, joints, and what to propose."""
+"""Contents of ROS messages for dead reckoning: fields of rates and speeds, poses, joints, and a proposed command."""
 
 import math
 import shlex
@@ -20,7 +20,7 @@ WHEEL_FIELDS: Final = {
     "geometry_msgs/msg/TwistWithCovarianceStamped": ("twist.twist.linear.x", "twist.twist.angular.z"),
     "geometry_msgs/msg/Twist": ("linear.x", "angular.z"),
 }
-# Where position and orientation stand.
+# Fields of position and orientation.
 REFERENCES: Final = {
     ODOMETRY: ("pose.pose.position", "pose.pose.orientation"),
     "geometry_msgs/msg/PoseStamped": ("pose.position", "pose.orientation"),
@@ -30,7 +30,7 @@ REFERENCES: Final = {
 
 
 def field(message: Any, path: str) -> Any:
-    """The field of a path such as twist.linear.x or axes.0. Raises what a wrong path raises."""
+    """Get a field by a path such as twist.linear.x or axes.0. A wrong path raises Python's own errors."""
     value = message
     for part in path.split("."):
         value = value[int(part)] if part.isdecimal() else getattr(value, part)
@@ -38,7 +38,7 @@ def field(message: Any, path: str) -> Any:
 
 
 def pose_of(message: Any, kind: str) -> tuple[float, float, float]:
-    """x, y in m and heading in rad: the yaw of the quaternion (textbook)."""
+    """x and y in m, and heading in rad, the yaw of the quaternion (textbook)."""
     position, q = (field(message, path) for path in REFERENCES[kind])
     heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     return position.x, position.y, heading
@@ -53,7 +53,7 @@ class Joints(NamedTuple):
 
     @classmethod
     def of(cls, message: Any) -> "Joints":
-        """Take them from a message."""
+        """Copy them from a message."""
         return cls(list(message.name), message.position.tolist(), message.velocity.tolist())
 
 
@@ -62,8 +62,8 @@ def joint_columns(
 ) -> tuple[Array, Array, str, str]:
     """Left and right, the unit, and a sentence; NaN where a message lacks one of the joints.
 
-    Positions where all messages have them (nothing is lost between two rows), else velocities; the mean of a side's
-    joints. Raises ConfigError where the joints' names do not say their side.
+    Uses positions if all messages have them (nothing is lost between rows), otherwise velocities, averaged over a
+    side's joints. Raises ConfigError if the joints' names do not show their side.
     """
     names = list(dict.fromkeys(name for message in messages for name in message.name))
     if joints is None:
@@ -88,7 +88,7 @@ def joint_columns(
 
 
 def _mean(message: Joints, names: list[str], column: str) -> float:
-    """Mean of these joints' values; NaN where one is missing."""
+    """Mean of these joints' values; NaN if one is missing."""
     values = getattr(message, column)
     index = {name: k for k, name in enumerate(message.name)}
     if any(name not in index or index[name] >= len(values) for name in names):
@@ -97,7 +97,7 @@ def _mean(message: Joints, names: list[str], column: str) -> float:
 
 
 def proposal(types: dict[str, str], path: Path) -> list[str]:
-    """A command line to begin with, by the topics' types and names; a guess, and said to be one."""
+    """Propose a command line from the topics' types and names, stating that it is a guess."""
     gyros = [t for t, kind in types.items() if kind == IMU]
     wheels = [t for t, kind in types.items() if kind == JOINTS]
     wheels += sorted((t for t, kind in types.items() if kind == ODOMETRY), key=_unlike_wheels)
@@ -114,7 +114,7 @@ def proposal(types: dict[str, str], path: Path) -> list[str]:
 
 
 def _unlike_wheels(topic: str) -> int:
-    """Odometry of the drive's own controller first, fused or visual odometry last."""
+    """Sort key: odometry of the drive's own controller first, fused or visual odometry last."""
     name = topic.lower()
     if any(word in name for word in ("filtered", "visual", "lidar", "gps", "ekf", "map", "truth")):
         return 2

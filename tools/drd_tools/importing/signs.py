@@ -1,4 +1,4 @@
-"""Signs and sides: whose turning or travel is the wrong way round, as far as a third witness can tell."""
+"""Checks of signs and sides: whose turning or travel is reversed, as far as a third source can show."""
 
 import math
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from drd.arrays import Array
 from drd_tools.importing.checks import OK, UNKNOWN, WRONG, Finding
 from drd_tools.importing.matching import LEAST_CORRELATION, Match
 
-# The share of the travel along the reference's heading that must go one way, for a direction to be said.
+# Least net share of travel along the reference's heading that determines a direction.
 ONE_WAY: Final = 0.5
-# By so much the sum of both wheels must be more like the robot's turning than their difference is.
+# Least excess of the sum's correlation with the robot's turning over the difference's.
 CLEARLY_MORE: Final = 0.3
-# What sets a sign right, whichever is in force.
+# Proposal that corrects the sign, whichever is set.
 TURN_ROUND: Final = {"sign": "the other"}
 
 
 @dataclass(frozen=True)
 class Witnesses:
-    """The signs seen, +1 or -1; None where the data do not show them.
+    """Evidence on signs; None where the data do not show them.
 
-    `gyro_wheels`: of the gyro's turning against the wheels'. `gyro_reference`, `wheels_reference`: against the
-    reference's. `up`: by gravity, turning to the left counts up (+1) or down. `forward`: of the wheels' travel against
+    `gyro_wheels`: the gyro's turning against the wheels'. `gyro_reference`, `wheels_reference`: against the
+    reference's. `up`: by gravity, a turn to the left counts up (+1) or down. `forward`: the wheels' travel against
     the reference's along its own heading.
     """
 
@@ -35,7 +35,7 @@ class Witnesses:
 
 
 def check_sign(seen: Witnesses) -> Finding:
-    """Check whether the gyro counts counter-clockwise as positive. Wheels alone cannot tell: they may be swapped."""
+    """Check whether counter-clockwise is the gyro's positive. Wheels alone cannot show it, as they may be swapped."""
     numbers: dict[str, float] = {}
     votes: list[tuple[int, str]] = []
     for name, found in (("reference", seen.gyro_reference), ("wheels", seen.gyro_wheels)):
@@ -62,7 +62,7 @@ def check_sign(seen: Witnesses) -> Finding:
 
 
 def _disputed(votes: list[tuple[int, str]], told: str, numbers: dict[str, float]) -> Finding:
-    """The witnesses differ: the reference and gravity know, the wheels may themselves be wrong."""
+    """Resolve contradictory evidence: trust the reference and gravity, since the wheels may be wrong."""
     sure = {sign for sign, text in votes if "wheels" not in text}
     if len(sure) > 1:
         return Finding("sign", UNKNOWN, f"the evidence is contradictory, check both by hand: {told}", numbers)
@@ -75,8 +75,8 @@ def _disputed(votes: list[tuple[int, str]], told: str, numbers: dict[str, float]
 def check_sides(seen: Witnesses, mean_forward_m_s: float) -> Finding:
     """Check whether left and right are swapped, or both wheels' signs are wrong.
 
-    The reference tells directly; otherwise a gyro whose sign gravity shows. Swapped sides turn the yaw rate round and
-    leave the speed, wrong signs turn both round.
+    The reference shows it directly; otherwise a gyro whose sign is known from gravity. Swapped sides invert the yaw
+    rate but not the speed; wrong signs invert both.
     """
     turning, by = _turning(seen)
     if turning is None:
@@ -84,7 +84,7 @@ def check_sides(seen: Witnesses, mean_forward_m_s: float) -> Finding:
     numbers = {"turning": float(turning), "mean_speed_m_s": mean_forward_m_s}
     if seen.forward is not None:
         numbers["forward_share"] = seen.forward
-    # Without the reference's word, robots mostly drive forwards.
+    # Without a reference, assume that robots mostly drive forwards.
     told = f"mean speed {mean_forward_m_s:+.2f} m/s"
     ahead: float | None = mean_forward_m_s if turning < 0 else 1.0
     is_sure = seen.forward is not None and abs(seen.forward) > ONE_WAY
@@ -110,7 +110,7 @@ def _sides(turning: int, is_ahead: bool, is_sure: bool) -> tuple[str, str, dict[
 
 
 def _turning(seen: Witnesses) -> tuple[int | None, str]:
-    """The wheels' sense of turning against the best witness, and who that is."""
+    """Sign of the wheels' turning relative to the best evidence, and the name of the latter."""
     if seen.wheels_reference is not None and seen.wheels_reference.is_clear:
         return seen.wheels_reference.sign, f"the reference (correlation {seen.wheels_reference.correlation:+.2f})"
     if seen.up is not None and seen.gyro_wheels is not None and seen.gyro_wheels.is_clear:
@@ -120,14 +120,14 @@ def _turning(seen: Witnesses) -> tuple[int | None, str]:
 
 
 def check_one_side(difference: Match | None, total: Match | None, other: str) -> Finding | None:
-    """Check whether one wheel's sign is wrong: then the sum of both turns like the robot, their difference does not.
+    """Check whether one wheel's sign is wrong: then the robot's turning follows the sum of both, not their difference.
 
-    `difference`, `total`: of right less left, and right plus left, with `other`. None where all is well.
+    `difference`, `total`: matches of right minus left, and right plus left, with `other`. None if all is well.
     """
     if total is None or not total.is_clear:
         return None
     rest = abs(difference.correlation) if difference is not None else 0.0
-    # On a circle speed and turning begin and end together: the sum then looks like the robot's turning too.
+    # On a circle, speed and turning begin and end together: then the sum resembles the robot's turning too.
     if rest >= LEAST_CORRELATION or abs(total.correlation) - rest < CLEARLY_MORE:
         return None
     side = "left" if total.gain > 0.0 else "right"
@@ -140,7 +140,7 @@ def check_one_side(difference: Match | None, total: Match | None, other: str) ->
 
 
 def forward_share(time_s: Array, travel_m: Array, reference: tuple[Array, Array, Array, Array]) -> float | None:
-    """Travel of the reference along its own heading over the wheels' travel (signed); None where they hardly move.
+    """Signed ratio of the reference's travel along its own heading to the wheels' travel; None if they hardly move.
 
     `travel_m`: the wheels' mean travel since the start, shape (n,). `reference`: time_s, x_m, y_m, heading_rad.
     """
@@ -152,6 +152,6 @@ def forward_share(time_s: Array, travel_m: Array, reference: tuple[Array, Array,
     middle = 0.5 * (heading[1:] + heading[:-1])
     along_m = np.diff(x_m) * np.cos(middle) + np.diff(y_m) * np.sin(middle)
     wheels_m = np.diff(np.interp(at_s, time_s, travel_m))
-    # Noise of the positions has no direction; steps of the wheels weigh it down.
+    # Position noise has no direction; weighting by the wheels' steps reduces it.
     square = float((wheels_m**2).sum())
     return float((along_m * wheels_m).sum()) / square if math.sqrt(square) > 0.01 else None

@@ -1,4 +1,4 @@
-"""Which kind of file it is, and its reader."""
+"""Choice of the reader for a file."""
 
 import argparse
 from pathlib import Path
@@ -17,7 +17,7 @@ BYTES_SUFFIXES: Final = (".bin", ".raw", ".dat")
 
 
 def open_source(path: Path, chosen: argparse.Namespace) -> Source:
-    """The reader for the file's kind, by its name's ending and what it begins with. Raises ConfigError."""
+    """Open the file with the reader for its suffix and first bytes. Raises ConfigError."""
     if not path.exists():
         raise ConfigError(str(path), "", "a file, or the folder of a ROS 2 bag", "nothing there")
     suffix = suffix_of(path)
@@ -45,7 +45,7 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
 
 
 def _refuse_own(path: Path) -> None:
-    """Refuse a recording of the daemon, which needs no import."""
+    """Refuse the daemon's own recording, which needs no import."""
     if path.suffix.lower() == ".mcap" and b"drd" in begins(path)[:60]:
         got = "the daemon's own, which `drd replay` reads, or an export of it"
         raise ConfigError(str(path), "", "another system's recording", got)

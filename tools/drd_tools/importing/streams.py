@@ -1,4 +1,4 @@
-"""What a source gives: time series of gyro, wheels and reference in its own units, and where they are from."""
+"""Streams of a source: time series of gyro, wheels and reference in its own units, and their provenance."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from drd.units import NS_PER_S
 
 Times = npt.NDArray[np.int64]
 
-# What a wheel's two columns can be. `twist` is forward speed in m/s and yaw rate in rad/s of the whole robot.
+# Units of the wheels' two columns. `twist` is forward speed in m/s and yaw rate in rad/s of the whole robot.
 CUMULATIVE: Final = ("counts", "rad", "m")
 WHEEL_UNITS: Final = (*CUMULATIVE, "rad_s", "m_s", "rpm", "twist")
 # `rad` and `deg` are angles since the row before.
@@ -26,7 +26,7 @@ GYRO_UNITS: Final = ("rad_s", "deg_s", *GYRO_ANGLES)
 class Gyro:
     """Angular rate about one or three axes, `value` of shape (n, k), in the source's unit and sign.
 
-    `acceleration_m_s2`: shape (n, 3) in the same frame, None where the source has none.
+    `acceleration_m_s2`: shape (n, 3) in the same frame, None if the source has none.
     """
 
     time_ns: Times
@@ -38,10 +38,10 @@ class Gyro:
 
 @dataclass(frozen=True)
 class Wheels:
-    """Both sides, shape (n,) each, in `unit` (WHEEL_UNITS); of a twist `left` is the speed and `right` the yaw rate.
+    """Both sides, shape (n,) each, in `unit` (WHEEL_UNITS); for twist, `left` is the speed and `right` the yaw rate.
 
-    `modulus_counts`: count at which the counters start again, None where they do not. `count_m`: travel of one count
-    where the source itself knows it.
+    `modulus_counts`: count at which the counters wrap, None if they do not. `count_m`: travel per count, if the source
+    itself states it.
     """
 
     time_ns: Times
@@ -67,7 +67,7 @@ Values = TypeVar("Values", Gyro, Wheels, Reference)
 
 @dataclass
 class Origin:
-    """Provenance of a stream, for people and for import.yaml. `notes`: sentences on what was done to it."""
+    """Provenance of a stream, for people and for import.yaml. `notes`: sentences on changes made to it."""
 
     source: str
     kind: str
@@ -78,14 +78,12 @@ class Origin:
 
 
 class Source:
-    """An opened file; rows are in its own order. All of these raise ConfigError where it does not hold what is asked
-    for.
-    """
+    """An opened file; rows are in its own order. Methods raise ConfigError if it lacks what is requested."""
 
     path: Path
 
     def listing(self) -> list[str]:
-        """List what the file holds, as lines for people, the last ones a proposal."""
+        """List the file's contents as lines of text, ending with a proposed command."""
         raise NotImplementedError
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
@@ -106,9 +104,9 @@ class Source:
 
 
 def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tuple[Values, Origin]:
-    """Rows sorted by time, of equal times the first; what that took is noted in `origin`, with count and rate.
+    """Sort rows by time, keeping the first of equal times; note the changes, count and rate in `origin`.
 
-    `are_angles`: a gyro's values are angles since the row before: those of equal times add up.
+    `are_angles`: a gyro's values are angles since the row before, so those of equal times are added.
     """
     values = _with_times(values, origin)
     time_ns = values.time_ns
@@ -131,7 +129,7 @@ def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tup
 
 
 def _with_times(values: Values, origin: Origin) -> Values:
-    """The rows that have a time: before their clock was set drivers send 0."""
+    """Drop rows without a time: drivers send 0 before their clock is set."""
     unset = values.time_ns == 0
     if not unset.any() or values.time_ns.max() < LONGEST_GAP_S * NS_PER_S:
         return values
@@ -140,5 +138,5 @@ def _with_times(values: Values, origin: Origin) -> Values:
 
 
 def _at(values: Values, rows: Any) -> dict[str, Any]:
-    """The arrays of the stream at these rows."""
+    """Arrays of the stream at these rows."""
     return {name: value[rows] for name, value in vars(values).items() if isinstance(value, np.ndarray)}

@@ -1,4 +1,4 @@
-"""What an import did and found, for people."""
+"""Summary of an import as text."""
 
 import textwrap
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from drd_tools.importing.streams import Origin
 
 WIDTH: Final = 116
 MARKS: Final = {OK: "ok", WRONG: "WRONG"}
-# A shorter standstill measures no bias.
+# A shorter standstill does not determine the bias.
 LEAST_STANDSTILL_S: Final = 2.0
 
 
@@ -23,7 +23,7 @@ def summary(
     after: Match | None,
     stands_s: float,
 ) -> str:
-    """Streams, findings with their evidence, what was applied, and what to do about the rest."""
+    """Summary of streams, findings with their evidence, corrections applied, and advice on the rest."""
     lines = ["Streams"]
     for name, o in origins.items():
         rate = "" if o.rate_hz is None else f", {o.rate_hz:.2f} Hz (median)"

@@ -1,4 +1,4 @@
-"""Tables as text: CSV with a header, or columns of numbers and words between spaces; gzip as it is."""
+"""Text tables: CSV with a header, or columns of numbers and words separated by spaces; also gzipped."""
 
 import csv
 import math
@@ -17,15 +17,15 @@ from drd_tools.report.terminal import columns
 
 SHOWN: Final = 40
 SEPARATORS: Final = ",;\t"
-# Words of a header by which a column is taken for time, and its unit, where nothing else is said.
+# Header names that mark the time column, unless --time states it.
 TIME_NAMES: Final = ("time_s", "time", "t", "stamp", "timestamp", "sec", "secs")
 
 
 class TextTable(Source):
-    """A file of rows. Columns have the header's names, or numbers from 1. Raises ConfigError.
+    """A file of rows. Columns are named by the header, or numbered from 1. Raises ConfigError.
 
-    `time`: the column of times (None: the header's), `unit_s`: how long its unit is, `wheel_unit` and `degrees`: what
-    the wheels' columns and the heading are, `temperature`: the gyro's, in degC.
+    `time`: the column of times (None: found in the header), `unit_s`: its unit in s, `wheel_unit` and `degrees`: units
+    of the wheels' columns and the heading, `temperature`: column of the gyro's, in degC.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class TextTable(Source):
                 raise ConfigError(f"{path}:{number}", "", f"{self._width} columns", str(len(row)))
 
     def listing(self) -> list[str]:
-        """The columns, with what stands in them, and a proposal."""
+        """Table of the columns with their ranges, and a proposed command."""
         rows = [["column", "name", "smallest", "largest", "median step"]]
         for k in range(min(self._width, SHOWN)):
             name = self.names[k] if self.names else ""
@@ -98,7 +98,7 @@ class TextTable(Source):
         return Reference(time_ns, x_m, y_m, heading), origin
 
     def column(self, name: str, option: str) -> Array:
-        """A column's numbers, shape (n,). Raises ConfigError with the line that has none."""
+        """Numbers of a column, shape (n,). Raises ConfigError with the line that has none."""
         k = self._index(name, option)
         try:
             values = np.array([row[k] for row in self._rows], dtype=float)

@@ -1,4 +1,4 @@
-"""The recording folder that an import makes, and import.yaml, which says what it is from."""
+"""Writer of an import's recording folder, and of import.yaml, its provenance."""
 
 import argparse
 import dataclasses
@@ -25,9 +25,9 @@ MADE: Final = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv", SAID)
 
 
 def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Robot | None:
-    """The robot as --robot, --config or the options state it, the options last; None where nothing needs it.
+    """The robot stated by --robot or --config, overridden by the options; None if nothing needs it.
 
-    Nothing is guessed: raises ConfigError with the option that is missing.
+    Nothing is guessed: raises ConfigError naming the option that is missing.
     """
     stated = load_robot(chosen.robot).value if chosen.robot is not None else None
     if stated is None and wheels is None and chosen.wheel_radius is None:
@@ -61,7 +61,7 @@ def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Robot | Non
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder, or clear it of an earlier import's files. Raises ConfigError where others' are in it."""
+    """Make the folder, or delete an earlier import's files. Raises ConfigError if it holds another recording."""
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         found = [name for name in MADE if (folder / name).exists()]
@@ -73,7 +73,7 @@ def prepare(folder: Path) -> None:
 
 
 def write_robot(file: Path, nominal: Robot, rates_hz: dict[str, float | None]) -> None:
-    """Write robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
+    """Write robot.yaml; rates not stated are the measured ones, the rest stays null. Raises OSError."""
     if nominal.gyro_rate_hz is None and (rate_hz := rates_hz.get("gyro")):
         nominal = replace(nominal, gyro_rate_hz=float(f"{rate_hz:.6g}"))
     if nominal.encoders_rate_hz is None and (rate_hz := rates_hz.get("wheels")):
@@ -109,7 +109,7 @@ def write_said(
 
 
 def hashes(path: Path) -> str | dict[str, str]:
-    """SHA-256 of the file, or of each file in a bag's folder. Raises ConfigError."""
+    """Compute the SHA-256 of the file, or of each file in a bag's folder. Raises ConfigError."""
     if path.is_dir():
         return {file.name: file_hash(file) for file in sorted(path.iterdir()) if file.is_file()}
     return file_hash(path)
