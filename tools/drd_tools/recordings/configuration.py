@@ -1,4 +1,4 @@
-"""The configuration that was in force in a recording of the daemon."""
+"""Configuration in force in a recording of the daemon."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ def config_in_force(
     calibration: Path | None = None,
     model: Path | None = None,
 ) -> tuple[Config, Path]:
-    """The configuration and where its relative paths start from; `folder` takes the attached files.
+    """Load the configuration, and the base of its relative paths; write the attached files to `folder`.
 
-    It is the recorded one, and what the file `config` states instead of it; any part of the file may be missing.
+    It is the recorded one, overridden by the file `config`, any part of which may be missing.
     Raises ConfigError.
     """
     found, base = attached_configuration(recording.attachments, folder, f"{recording.path}, {IN_FORCE}"), folder
@@ -37,7 +37,7 @@ def config_in_force(
 
 
 def attached_configuration(files: Mapping[str, bytes], folder: Path, where: str) -> Config:
-    """The configuration in force among these files; the others go into `folder`, where it finds them."""
+    """Load the configuration in force from these files; write the others, to which it refers, to `folder`."""
     found = loads(files[IN_FORCE].decode("utf-8", "replace"), Config, where).value
     for name in (CALIBRATION, MODEL, DBC):
         if name in files:

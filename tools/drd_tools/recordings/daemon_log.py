@@ -1,8 +1,8 @@
-"""The daemon's recording as a `Recording`: the samples as its estimator had them, the robot as its configuration says.
+"""The daemon's recording as a `Recording`: the samples as its estimator had them, the robot from its configuration.
 
-The nominal robot includes the gyro's calibration, which is taken off the rates here, and the wheels' scales, which are
-in their travel already; of a run with a reload both are those of its start. A model that was in force is no part of it:
-what it takes off is found again.
+The nominal robot includes the gyro's calibration, which is applied to the rates here, and the wheels' scales, which
+their travel already includes; in a run with a reload both are those of its start. A model in force is not included:
+the effects that it corrects are still in the samples.
 """
 
 import math
@@ -34,12 +34,12 @@ GYRO, WHEELS = "/fog", "/wheels"
 RELOAD: Final = b'{"event":"reload",'  # as the daemon writes it
 # A reference's times beyond this are seconds since 1970, not since the daemon's start.
 SINCE_START_S: Final = 1e8
-# Counts are whole but for the rounding of travel in metres, and for readings that were paired between two.
+# Counts are whole numbers, except for rounding of travel in metres and interpolated readings.
 COUNT_DIGITS: Final = 6
 
 
 def read(path: Path) -> Recording:
-    """Read a recording folder, or a file that the daemon recorded. Raises ConfigError; nothing else escapes."""
+    """Read a recording folder, or a file that the daemon recorded. Raises ConfigError only."""
     return read_daemon_log(path) if path.suffix == ".mcap" and not path.is_dir() else read_recording(path)
 
 
@@ -49,9 +49,9 @@ def reference_file(file: Path) -> Path:
 
 
 def read_daemon_log(file: Path) -> Recording:
-    """Read a recording of `drd run`, with the earlier parts of its run that lie beside it. Raises ConfigError.
+    """Read a recording of `drd run`, with the earlier parts of its run in the same folder. Raises ConfigError.
 
-    Times count from the daemon's start. A reference may lie beside the file (see `reference_file`), its times from
+    Times count from the daemon's start. A reference may be in the same folder (see `reference_file`), with times from
     the daemon's start too, as in the poses of `drd replay`, or in seconds since 1970.
     """
     run = open_run(file)
@@ -82,7 +82,7 @@ def read_daemon_log(file: Path) -> Recording:
 
 
 class _Travel:
-    """The travel of both wheels as the configuration at the run's start has it, whichever was in force."""
+    """Travel of both wheels by the configuration at the run's start, whichever was in force."""
 
     def __init__(self, config: Config, base: Path):
         self._form, self._metres = self._of(config, base)
@@ -90,27 +90,27 @@ class _Travel:
 
     @staticmethod
     def _of(config: Config, base: Path) -> tuple[tuple[str, str | None], tuple[float, float]]:
-        """What the counters are of, and the travel of one unit of each."""
+        """Kind of the counters, and the travel of one unit of each."""
         stream = EncoderStream(config.encoders, config.robot, base)
         return (config.encoders.layout, stream.from_file), (stream.metres[Side.LEFT], stream.metres[Side.RIGHT])
 
     def reload(self, files: Mapping[str, str]) -> None:
-        """Another configuration is in force from now on. Raises ConfigError, KeyError."""
+        """Put another configuration in force from now on. Raises ConfigError, KeyError."""
         with tempfile.TemporaryDirectory() as folder:
             attached = {name: str(text).encode() for name, text in files.items()}
             config = attached_configuration(attached, Path(folder), f"reload, {IN_FORCE}")
             form, (left_m, right_m) = self._of(config, Path(folder))
-        same = form == self._form  # else units are others, and travel is what both have
+        same = form == self._form  # otherwise units differ, and only travel is comparable
         self._factors = (self._metres[0] / left_m, self._metres[1] / right_m) if same else (1.0, 1.0)
 
     def at_start(self, sample: WheelSample) -> WheelSample:
-        """A sample by the configuration at the start."""
+        """Convert a sample to the configuration at the start."""
         left, right = self._factors
         return sample._replace(left_m=sample.left_m * left, right_m=sample.right_m * right)
 
 
 def _samples(parts: Sequence[McapFile], travel: _Travel) -> tuple[list[GyroSample], list[WheelSample], list[int]]:
-    """Read all samples, and when there were reloads, ns. Raises ConfigError where drd did not write them."""
+    """Read all samples, and the times of reloads, ns. Raises ConfigError if drd did not write them."""
     gyro: list[GyroSample] = []
     wheels: list[WheelSample] = []
     reloads_ns: list[int] = []
@@ -141,8 +141,8 @@ def _samples(parts: Sequence[McapFile], travel: _Travel) -> tuple[list[GyroSampl
 
 
 def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibration | None) -> FogLog | None:
-    """Rows of rates. A sample over several intervals, an integrated angle after lost lines, has a row for each of them:
-    a reader takes a row after a hole for one.
+    """Make rows of rates. A sample over several intervals, an integrated angle after lost lines, gets a row for each,
+    since readers assume that a row after a gap covers one interval.
     """
     if not samples:
         return None
@@ -160,7 +160,7 @@ def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibrat
 
 
 def _wheel_log(samples: Sequence[WheelSample], zero_ns: int, robot: Robot) -> EncoderLog | None:
-    """Rows of cumulative counts, or of speeds where there are none; what was not seen is marked."""
+    """Make rows of cumulative counts, or of speeds if there are none; rows after lost travel are marked."""
     rows: list[tuple[float, float, float]] = []
     lost: list[bool] = []
     for s in samples:
@@ -193,7 +193,7 @@ def _shifted(log: ReferenceLog, wall_ns: int) -> ReferenceLog:
 
 
 def _counts_per_revolution(config: Config, base: Path) -> float | None:
-    """Counts per revolution of the layout, which may know its own; None where readings are no counts."""
+    """Counts per revolution of the layout, which may define its own; None if readings are not counts."""
     layout = make_layout(config.encoders, base)
     if layout.modulus_counts is None or layout.reports_speed:
         return None
@@ -202,7 +202,7 @@ def _counts_per_revolution(config: Config, base: Path) -> float | None:
 
 
 def _nominal(config: Config, per_revolution: float | None) -> Robot:
-    """robot.yaml as the configuration would have it: the reverse of `nominal_config`."""
+    """Make robot.yaml's content from the configuration: the inverse of `nominal_config`."""
     e, noise = config.estimation, config.estimation.noise
     robot = Robot(
         name=config.robot.name,
@@ -222,7 +222,7 @@ def _nominal(config: Config, per_revolution: float | None) -> Robot:
 
 
 def _without_files(config: Config, per_revolution: float | None) -> Config:
-    """The configuration for samples in which calibration and scales are."""
+    """The configuration for samples that already include calibration and scales."""
     return replace(
         config,
         robot=replace(config.robot, left_scale=1.0, right_scale=1.0),

@@ -1,4 +1,4 @@
-"""The neutral recording folder: robot.yaml, encoders.csv, fog.csv and reference.csv, as text that anyone can make."""
+"""The neutral recording folder, in plain text: robot.yaml, encoders.csv, fog.csv and reference.csv."""
 
 import hashlib
 import math
@@ -18,13 +18,13 @@ from drd.config.schema import ConfigError, Loaded, read_text
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
-# Rows that are turned into text at once.
+# Number of rows formatted at once.
 CHUNK: Final = 4096
 POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
-# Beside them: how far an estimate can be trusted.
+# Further columns: the uncertainty of an estimate.
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
-WRAPPED_DEG: Final = 361.0  # most that wrapped headings span: +-3.142 rad are a little more than a turn
+WRAPPED_DEG: Final = 361.0  # largest span of wrapped headings: +-3.142 rad is slightly more than a turn
 VALID: Final = "valid"  # 1; 0: degraded, invalid or initialising
 ESTIMATES: Final = (*POSES, *COVARIANCE, BOUND, VALID)
 ESTIMATES_FORM: Final = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d"
@@ -32,7 +32,7 @@ ESTIMATES_FORM: Final = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d"
 
 @dataclass(frozen=True)
 class ReferenceLog:
-    """Poses, shape (n,) each. The heading is continuous: whole turns are kept, where the rows show them."""
+    """Poses, shape (n,) each. The heading is continuous: whole turns are kept if the rows show them."""
 
     time_s: Array
     x_m: Array
@@ -42,12 +42,12 @@ class ReferenceLog:
 
 @dataclass(frozen=True)
 class Recording:
-    """A whole folder, or a file that the daemon recorded. `sha256` has the hash of each file that was read.
+    """A recording folder, or a file that the daemon recorded. `sha256` has the hash of each file read.
 
-    `wheels`: None where the robot has no encoders; its radius and tread are NaN then, if robot.yaml does not say.
-    `config`: the daemon's configuration that was in force, where it is known. `model`: the model file that changed the
-    nominal robot, `terms` the effects that it adds, `notes` sentences about those that are left out. `zero_s`: where
-    their time counts from in a part of a recording, see `zero_for_terms`.
+    `wheels`: None if the robot has no encoders; its radius and tread are then NaN unless robot.yaml states them.
+    `config`: the daemon's configuration in force, if known. `model`: the model file that changed the nominal robot,
+    `terms` the effects that it adds, `notes` sentences about those left out. `zero_s`: zero of their time in a part of
+    a recording, see `zero_for_terms`.
     """
 
     folder: Path
@@ -64,19 +64,19 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """The folder's name, or the file's without its ending."""
+        """The folder's name, or the file's without its suffix."""
         path = self.folder.resolve()
         return path.stem if path.suffix == ".mcap" else path.name
 
     @property
     def encoders(self) -> EncoderLog:
-        """The wheels' log, for those who cannot do without. Raises ConfigError where there is none."""
+        """The wheels' log, for callers that require it. Raises ConfigError if there is none."""
         if self.wheels is None:
             raise ConfigError(str(self.folder), "encoders.csv", "this file in the folder", "none")
         return self.wheels
 
     def wheel_angles_rad(self) -> tuple[Array, Array]:
-        """How far the left and the right wheel have turned since the first row, rad, shape (n,) each."""
+        """Angles of the left and the right wheel since the first row, rad, shape (n,) each."""
         log, per_revolution = self.encoders, self.nominal.counts_per_revolution
         if log.left_counts is not None and log.right_counts is not None and per_revolution is not None:
             factor = 2.0 * math.pi / per_revolution
@@ -88,7 +88,7 @@ class Recording:
 
 
 def read_recording(folder: Path) -> Recording:
-    """Read a recording folder. Raises ConfigError with file, line and column or key; nothing else escapes."""
+    """Read a recording folder. Raises only ConfigError, with file, line and column or key."""
     if not folder.is_dir():
         raise ConfigError(str(folder), "", "a recording folder", "a file" if folder.exists() else "nothing there")
     names = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv")
@@ -110,7 +110,7 @@ def read_recording(folder: Path) -> Recording:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers of a CSV file: shape (n, columns), and the line of the file where each row stands, shape (n,)."""
+    """Numbers of a CSV file, shape (n, columns), and the line number of each row, shape (n,)."""
 
     file: Path
     header: tuple[str, ...]
@@ -118,7 +118,7 @@ class Table:
     line: list[int]
 
     def refuse(self, row: int, column: str, expected: str) -> ConfigError:
-        """The error that names one cell."""
+        """Make the error that names one cell."""
         got = f"{self.values[row, self.header.index(column)]:.12g}"
         return ConfigError(f"{self.file}:{self.line[row]}", column, expected, got)
 
@@ -134,8 +134,8 @@ def read_table(
 ) -> Table:
     """Read a CSV file of numbers that has one of `headers`, the first column a rising time, and at least `rows` rows.
 
-    `among`: the columns stand in any order, others among them. `cells`: how a column's cells are read that are not
-    plain numbers; raises ValueError with what is expected. `rising`: False: times may repeat; None: there are none.
+    `among`: columns may be in any order, with others among them. `cells`: readers of columns whose cells are not
+    plain numbers; they raise ValueError with what is expected. `rising`: False: times may repeat; None: no times.
     Empty lines, and lines with # before the header, are skipped. Raises ConfigError with file, line and column.
     """
     lines = read_text(file, "utf-8-sig").splitlines()  # spreadsheets put a byte order mark first
@@ -178,7 +178,7 @@ def _blame(
     readers: Mapping[str, Callable[[str], float]],
     width: int | None,
 ) -> None:
-    """Find the first cell that cannot be read, or the row of another `width`, and raise the error that names it."""
+    """Find the first unreadable cell, or row of another `width`, and raise the error that names it."""
     for number, line in numbered:
         row = [cell.strip() for cell in line.split(",")]
         if width is not None and len(row) != width:
@@ -193,7 +193,7 @@ def _blame(
 
 
 def write_table(file: Path, header: Sequence[str], rows: Array, form: str) -> None:
-    """Write a CSV file of numbers, shape (n, columns), each row as `form` says. Raises OSError."""
+    """Write a CSV file of numbers, shape (n, columns), each row formatted by `form`. Raises OSError."""
     with file.open("w", encoding="utf-8", newline="") as out:
         out.write(",".join(header) + "\n")
         for part in np.split(rows, range(CHUNK, len(rows), CHUNK)):
@@ -201,7 +201,7 @@ def write_table(file: Path, header: Sequence[str], rows: Array, form: str) -> No
 
 
 def finite(cell: str) -> float:
-    """A plain number. Raises ValueError."""
+    """Parse a plain finite number. Raises ValueError."""
     try:
         value = math.nan if "_" in cell else float(cell)
     except ValueError:
@@ -212,7 +212,7 @@ def finite(cell: str) -> float:
 
 
 def file_hash(file: Path) -> str:
-    """SHA-256 in hex. Raises ConfigError."""
+    """Compute the SHA-256 in hex. Raises ConfigError."""
     try:
         with file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -248,9 +248,9 @@ def read_reference_log(file: Path) -> ReferenceLog:
 
 
 def continuous_rad(heading_deg: Array) -> Array:
-    """Headings (n,) of a reference without jumps of a turn.
+    """Unwrap headings (n,) of a reference.
 
-    More than a turn in all: whole turns are in the rows, and sparse ones may truly be more than half a turn apart.
+    If they span more than a turn, they are not wrapped, and sparse rows may truly be more than half a turn apart.
     """
     heading_rad = heading_deg * RAD_PER_DEG
     return np.unwrap(heading_rad) if np.ptp(heading_deg) <= WRAPPED_DEG else heading_rad

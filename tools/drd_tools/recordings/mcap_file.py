@@ -1,4 +1,4 @@
-"""The daemon's recording (drd.recording): read as far as it goes, with what is missing."""
+"""Reader of the daemon's recording (drd.recording), as far as it is readable, which also reports what is missing."""
 
 import struct
 from collections.abc import Iterator
@@ -19,18 +19,18 @@ from drd.recording.in_force import IN_FORCE
 from drd.units import NS_PER_S, S_PER_NS
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-# A record's opcode and the length of what follows.
+# Opcode of a record, and length of its body.
 RECORD: Final = struct.Struct("<BQ")
-# What a message's record begins with: channel, sequence, log time, publish time.
+# Start of a message record: channel, sequence, log time, publish time.
 MESSAGE: Final = struct.Struct("<HIQQ")
-# What a chunk's record begins with: log time of its first and of its last message.
+# Start of a chunk record: log times of its first and last message.
 CHUNK_TIMES: Final = struct.Struct("<QQ")
 OPCODES: Final = frozenset(Opcode)
-MESSAGE_RECORD: Final = int(Opcode.MESSAGE)  # compared for each of millions, where the enumeration's own == is slow
+MESSAGE_RECORD: Final = int(Opcode.MESSAGE)  # compared millions of times; the enumeration's own == is slow
 
 
 class Recorded(NamedTuple):
-    """One message. `number` counts what the recorder was handed, modulo 2^32; `log_ns` is on the wall clock."""
+    """One message. `number` counts the messages passed to the recorder, modulo 2^32; `log_ns` is wall-clock time."""
 
     number: int
     log_ns: int
@@ -38,7 +38,7 @@ class Recorded(NamedTuple):
     data: bytes
 
     def value(self) -> dict[str, Any]:
-        """The payload of a JSON topic. Raises ValueError where it is no object."""
+        """Decode the payload of a JSON topic. Raises ValueError if it is not an object."""
         try:
             found = msgspec.json.decode(self.data)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -49,7 +49,7 @@ class Recorded(NamedTuple):
 
 
 def nanoseconds(value: Any) -> int:
-    """A time out of a payload, checked. Raises ValueError."""
+    """Check a time from a payload. Raises ValueError."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 63:
         raise ValueError(f"expected nanoseconds, got {value!r:.40}")
     return value
@@ -57,11 +57,11 @@ def nanoseconds(value: Any) -> int:
 
 @dataclass
 class McapFile:
-    """A recording's metadata, and where its readable chunks lie. Made by `open_mcap`.
+    """Metadata of a recording, and the positions of its readable chunks. Made by `open_mcap`.
 
     `information` and `attachments` as the daemon wrote them. `end`: the metadata `drd.end`; None: the file was cut.
-    `first_ns`, `last_ns`: log times of the readable messages, 0 where there are none. `cut_chunk_s`: how much later
-    than `last_ns` the last message of the chunk is in which the file was cut, where its beginning could be read.
+    `first_ns`, `last_ns`: log times of the readable messages, 0 if there are none. `cut_chunk_s`: time from `last_ns`
+    to the last message of the chunk in which the file was cut, if the start of that chunk is readable.
     """
 
     path: Path
@@ -75,12 +75,12 @@ class McapFile:
 
     @property
     def is_cut(self) -> bool:
-        """True where the file does not end as the daemon ends one."""
+        """True if the file lacks the end that the daemon writes."""
         return self.end is None
 
     @property
     def part(self) -> int:
-        """Number of the file's part in its run, from 1; 1 too where it does not say."""
+        """Number of the file's part in its run, from 1; also 1 if not stated."""
         part = self.information.get("part", "")
         return int(part) if part.isdecimal() else 1
 
@@ -91,12 +91,12 @@ class McapFile:
 
     @property
     def lost_if_killed_s(self) -> float | None:
-        """The most that is missing at the end if the daemon was killed; 0 where the file is whole."""
+        """Most time missing at the end if the daemon was killed; 0 if the file is complete."""
         return self._lost_s("flush_s")
 
     @property
     def lost_if_power_failed_s(self) -> float | None:
-        """The most that is missing at the end if the power failed; None where the file does not say its intervals."""
+        """Most time missing at the end if the power failed; None if the file does not state its intervals."""
         return self._lost_s("fsync_s")
 
     def _lost_s(self, interval: str) -> float | None:
@@ -109,7 +109,7 @@ class McapFile:
             return None
 
     def sentence(self) -> str:
-        """Sentence on how far the file reads and what is missing."""
+        """Sentence on how far the file is readable and what is missing."""
         if not self._chunks:
             reach = "no message can be read"
         else:
@@ -129,7 +129,7 @@ class McapFile:
         )
 
     def messages(self, *topics: str) -> Iterator[Recorded]:
-        """All readable messages of these topics, or of all, in the order in which they were handed over."""
+        """All readable messages of these topics, or of all topics, in the order of recording."""
         names: dict[int, str] = {}
         with self.path.open("rb") as stream:
             for offset, length in self._chunks:
@@ -147,9 +147,9 @@ class McapFile:
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Read what a recording of the daemon holds, cut or not. Raises ConfigError where the file cannot be read at all.
+    """Open a recording of the daemon, cut or not. Raises ConfigError if the file cannot be read at all.
 
-    A file that was cut at any byte, or whose end was never written, is read up to its last whole chunk.
+    A file cut at any byte, or whose end was never written, is read up to its last complete chunk.
     """
     found = McapFile(path)
     try:
@@ -165,7 +165,7 @@ def open_mcap(path: Path) -> McapFile:
 
 
 def _scan(found: McapFile, stream: BinaryIO, size: int) -> None:
-    """Collect what can be read."""
+    """Collect all readable records."""
     good = min(size, len(MAGIC))
     while good + RECORD.size <= size:
         stream.seek(good)
@@ -179,19 +179,19 @@ def _scan(found: McapFile, stream: BinaryIO, size: int) -> None:
             break
         try:
             _take(found, opcode, start, stream.read(length))
-        except Exception:  # a damaged record: the decompressors and the parsers raise what they like
+        except Exception:  # a damaged record: decompressors and parsers may raise anything
             break
         good = end
 
 
 def _cut_chunk_s(found: McapFile, first_ns: int, last_ns: int) -> float | None:
-    """Seconds of the cut chunk beyond what can be read; None where its times cannot be true."""
+    """Length in s of the cut chunk beyond the readable messages; None if its times are implausible."""
     begin_ns = found.last_ns or first_ns
     return (last_ns - begin_ns) * S_PER_NS if begin_ns <= last_ns < begin_ns + 3600 * NS_PER_S else None
 
 
 def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
-    """Take in one whole record of the data section."""
+    """Process one complete record of the data section."""
     data = ReadDataStream(BytesIO(body))
     if opcode == Opcode.METADATA:
         metadata = Metadata.read(data)
@@ -213,15 +213,15 @@ def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
 
 
 def _chunk_data(body: bytes) -> bytes:
-    """Contents of a chunk's record. Raises what the parsers raise where it is damaged: its sum is checked."""
+    """Decompress a chunk record and check its CRC. Raises what the parsers raise if it is damaged."""
     stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True)
     return bytes(stream.read(size))
 
 
 def _chunk_records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, beginning and end of each record in a chunk. Raises ValueError or struct.error for one that is cut.
+    """Opcode, start and end of each record in a chunk. Raises ValueError or struct.error for a truncated one.
 
-    The parsers of the library, which make an object of each, take ten times as long.
+    The library's parsers, which make an object of each, take ten times as long.
     """
     at, size = 0, len(data)
     while at < size:
@@ -233,7 +233,7 @@ def _chunk_records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def parts_before(file: McapFile) -> tuple[list[Path], list[int]]:
-    """The earlier parts of the same run beside `file`, in order, and the numbers of those that are missing."""
+    """Find the earlier parts of the same run beside `file`, in order, and the numbers of missing ones."""
     name, _, part = file.path.stem.rpartition("-")
     numbers = range(1, file.part)
     paths = {number: file.path.with_name(f"{name}-{number:0{len(part)}}.mcap") for number in numbers}
@@ -242,7 +242,7 @@ def parts_before(file: McapFile) -> tuple[list[Path], list[int]]:
 
 
 class Run(NamedTuple):
-    """A run of the daemon: its parts in order, the numbers of those missing, and when it began by both clocks, ns."""
+    """A run of the daemon: its parts in order, the numbers of missing ones, and its start by both clocks, ns."""
 
     parts: list[McapFile]
     missing: list[int]
@@ -250,13 +250,13 @@ class Run(NamedTuple):
     wall_ns: int
 
     def notes(self) -> list[str]:
-        """Parts that are cut or missing, in words."""
+        """Sentences on parts that are cut or missing."""
         cut = [f"{part.path.name}: {part.sentence()}" for part in self.parts if part.is_cut]
         return cut + [f"part {number} of the run is not there" for number in self.missing]
 
 
 def open_run(file: Path) -> Run:
-    """A recording of `drd run`, with the earlier parts of its run that lie beside it. Raises ConfigError."""
+    """Open a recording of `drd run`, with the earlier parts of its run in the same folder. Raises ConfigError."""
     last = open_mcap(file)
     if IN_FORCE not in last.attachments:
         raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")

@@ -8,15 +8,15 @@ import numpy as np
 from drd.arrays import Array
 
 VERTEX_SIGMAS: Final = 10.0
-MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # of the length of a Gaussian vector in the plane
+MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # for the length of a Gaussian vector in the plane
 
 
 def path_length_m(xy_m: Array, sigma_m: float) -> Array:
     """Length of the path up to each row of `xy_m` (n, 2), shape (n,).
 
-    The noise of each row would lengthen the path, without end where the robot stands. So it is measured along chords
-    of at least ten sigma (1 % too long at most), and shared out evenly among the rows in between. Sigma is what second
-    differences show from row to row (variance 6 sigma^2), at most `sigma_m`, which may hold an offset of all rows.
+    Noise of the rows would lengthen the path, without limit at standstill. So it is measured along chords of at least
+    ten sigma (at most 1 % too long), and distributed evenly over the rows in between. Sigma is estimated from second
+    differences (variance 6 sigma^2), but is at most `sigma_m`, which may include an offset common to all rows.
     """
     second_m = np.hypot(*np.diff(xy_m, n=2, axis=0).T)
     if sigma_m > 0.0 and second_m.size:

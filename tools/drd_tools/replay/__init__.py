@@ -1,1 +1,1 @@
-"""Estimate again from a recording, to the same bits."""
+"""Bit-exact replay of the estimation from a recording."""

@@ -1,4 +1,4 @@
-"""`drd replay`: estimate again from a recording."""
+"""`drd replay`: run the estimator on a recording."""
 
 import argparse
 import math
@@ -84,7 +84,7 @@ def main(argv: list[str]) -> int:
 
 
 def _write(chosen: argparse.Namespace, replayed: Replayed, start: Start) -> str:
-    """Write the poses where they are wanted; the sentence that says so."""
+    """Write the poses if requested; return a sentence that says so."""
     if chosen.output is None:
         return ""
     files = {name: str(file) for name in ("config", "model", "calibration") if (file := getattr(chosen, name))}
@@ -118,7 +118,7 @@ def _start(text: str) -> Start | str:
 
 
 def _check_output(output: Path | None, recording: Recording | None) -> None:
-    """Check the output before the work is done, and before the recording's own files are written over."""
+    """Check the output file before the work starts, so that none of the recording's own is overwritten."""
     if output is None:
         return
     if output.suffix != ".csv":

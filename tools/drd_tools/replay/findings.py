@@ -1,4 +1,4 @@
-"""What the monitor says of a replay, and whether that is what it said while the robot drove."""
+"""The monitor's findings on a replay, compared with those of the live run."""
 
 import math
 from collections.abc import Sequence
@@ -18,12 +18,12 @@ from drd.units import S_PER_NS
 from drd.wiring.samples import Samples
 
 TOPIC = "/findings"
-FIXES = ("set_pose", "reset")  # events behind which the pose is another, without way
+FIXES = ("set_pose", "reset")  # events after which the pose has changed without motion
 NOT_WATCHED = "monitor: it needs samples of gyro and wheels, and no model"
 
 
 class Fix(NamedTuple):
-    """A pose that was set, or a reset, whose `sigma_m` is inf; see Monitor.fix."""
+    """A pose set from outside, or a reset, with `sigma_m` = inf; see Monitor.fix."""
 
     t_ns: int
     x_m: float
@@ -32,14 +32,14 @@ class Fix(NamedTuple):
 
 
 class Kept(Samples):
-    """Keeps all that a monitor is given."""
+    """Collector of all inputs of a monitor."""
 
     def __init__(self) -> None:
         super().__init__()
         self.fixes: list[Fix] = []
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """A call of the pipeline that is no sample."""
+        """Take a call of the pipeline other than a sample."""
         if name in FIXES:
             pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
             self.fixes.append(Fix(now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
@@ -47,9 +47,9 @@ class Kept(Samples):
 
 @dataclass
 class Live:
-    """The live monitor in a recording: since which sample, with which constants, each list that it told.
+    """The live monitor in a recording: its first sample, its constants, and each list of findings that it reported.
 
-    `starts`: how many monitors there were; only of one alone a replay can be the same.
+    `starts`: number of monitors; a replay can only agree if there was exactly one.
     """
 
     began_ns: int | None = None
@@ -58,7 +58,7 @@ class Live:
     starts: int = 0
 
     def take(self, value: dict[str, Any]) -> None:
-        """Take in a message of TOPIC. Raises KeyError, TypeError or ValueError for a payload that drd did not write."""
+        """Process a message of TOPIC. Raises KeyError, TypeError or ValueError for a payload that drd did not write."""
         if value.get("began_ns") is None:
             return
         if value["began_ns"] != self.began_ns:
@@ -72,20 +72,20 @@ class Live:
 
 
 def bits(findings: Sequence[Finding]) -> bytes:
-    """Equal for two lists only if they agree in every bit; what earlier days show is left out."""
+    """Encode findings so that two lists are equal only if they agree in every bit, leaving out those on wear."""
     return msgspec.json.encode([f for f in findings if not is_wear(f)])
 
 
 @dataclass(frozen=True)
 class Reported:
-    """The findings and the suspicion at the end, and all lists of findings on the way."""
+    """Findings and suspicion at the end, and all lists of findings during the run."""
 
     findings: list[Finding]
     suspected: Suspicion | None
     lists: frozenset[bytes]
 
     def comparison(self, live: Live) -> str:
-        """Whether the live monitor said the same."""
+        """Sentence on whether the live monitor reported the same."""
         if live.starts != 1:
             return "" if not live.starts else f"the live monitor began {live.starts} times: findings are not compared"
         missing = sum(told not in self.lists for told in live.told)
@@ -102,15 +102,15 @@ def monitored(
     live: Live | None = None,
     fixes: Sequence[Fix] = (),
 ) -> Reported:
-    """Hand samples, each sensor's in order of time, and poses that were set to a monitor as the daemon does."""
+    """Pass samples, each sensor's in order of time, and poses set from outside to a monitor, as the daemon does."""
     live = live or Live()
     monitor, lists, now_s = Monitor(config, live.known), set[bytes](), 0.0
     corrected = [sample if calibration is None else calibration.correct(sample) for sample in gyro]
     samples: list[Any] = sorted([*fixes, *corrected, *wheels], key=lambda s: s.t_ns)
     first = 0
-    if live.began_ns is not None:  # the daemon had samples before its monitor was there
+    if live.began_ns is not None:  # the daemon had samples before its monitor started
         first = next((i for i, s in enumerate(samples) if s.t_ns == live.began_ns), 0)
-        # Another sensor's sample of before may come later.
+        # An earlier sample of the other sensor may arrive later.
     for sample in samples[first:]:
         if isinstance(sample, GyroSample):
             monitor.gyro(sample)
@@ -125,7 +125,7 @@ def monitored(
 
 
 def sentences(told: Reported, zero_ns: int) -> list[str]:
-    """One for each finding, and one for a suspicion; at least one."""
+    """One sentence for each finding, and one for a suspicion; at least one in total."""
     found = [] if told.findings else ["monitor: nothing is found"]
     for f in told.findings:
         sizes = [f"{n} {_text(v)}" for n, v in f.parameters.items()]

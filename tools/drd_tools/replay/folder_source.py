@@ -1,4 +1,4 @@
-"""Replay of the neutral recording folder: its rows as the samples that the daemon would have made of them."""
+"""Replay of the neutral recording folder: its rows become the samples that the daemon would have made."""
 
 from functools import partial
 from pathlib import Path
@@ -29,8 +29,8 @@ def replay_folder(
 ) -> Replayed:
     """Estimate from a recording folder that was read. Raises ConfigError.
 
-    In force is what robot.yaml stands for, see `nominal`, overruled by what the two files state. `new_track`: see
-    Estimator. `monitors`: the notes have what the monitor says.
+    The configuration is that of robot.yaml, see `nominal`, overridden by the two files. `new_track`: see
+    Estimator. `monitors`: add the monitor's findings to the notes.
     """
     in_use, gyro_calibration = in_force(recording, config, calibration)
     recording = with_configured_model(recording, in_use)
@@ -59,10 +59,10 @@ def replay_folder(
 
 
 def _latencies_ns(recording: Recording, config: Config) -> tuple[int, int]:
-    """Time by which a sample was taken earlier than its row, of the gyro and of the wheels.
+    """Latency of the rows, of the gyro and of the wheels.
 
-    The samples that the daemon recorded are rid of the latencies that were in force then: what is left is the
-    difference.
+    Samples that the daemon recorded are already corrected for the latencies then in force, so only the difference
+    remains.
     """
     before = recording.config
     known_s = (0.0, 0.0) if before is None else (before.fog.latency_s, before.encoders.latency_s)

@@ -43,11 +43,11 @@ def replay_mcap(
     new_track: MakeTrack = make_track,
     monitors: bool = False,
 ) -> Replayed:
-    """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
+    """Replay a recording of `drd run`, with the earlier parts of its run in the same folder.
 
-    Configuration, calibration and model are those of the recording, or what the files given state instead. The notes
-    say what is missing and, unless something else is in force, whether the poses are those of the live run, bit for
-    bit. `monitors`: they have what the monitor says, too. Raises ConfigError.
+    Configuration, calibration and model are those of the recording, unless overridden by the given files. The notes
+    say what is missing and, if nothing was overridden, whether the poses equal those of the live run, bit for bit.
+    `monitors`: add the monitor's findings to them. Raises ConfigError.
     """
     run = open_run(file)
     parts, missing, zero_ns = run.parts, run.missing, run.started_ns
@@ -87,7 +87,7 @@ def replay_mcap(
 def _monitored(
     kept: findings.Kept, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
 ) -> list[str]:
-    """Sentences of the monitor, and whether it said so live."""
+    """Sentences on the monitor's findings, and on whether the live run had the same."""
     is_watched = config.fog.protocol != "none" and config.model.file is None
     if not is_watched or not (kept.gyro_samples and kept.wheel_samples):
         return [findings.NOT_WATCHED]
@@ -97,7 +97,7 @@ def _monitored(
 
 
 class _Replay:
-    """Poses of a replay beside those of the live run. `changed`: it is not the recorded configuration's."""
+    """Poses of a replay and those of the live run. `changed`: not with the recorded configuration."""
 
     def __init__(self, changed: bool) -> None:
         self._changed = changed
@@ -116,7 +116,7 @@ class _Replay:
         self._is_set = False
 
     def run(self, pipeline: Pipeline, parts: Sequence[McapFile]) -> None:
-        """Make the live run's calls."""
+        """Repeat the live run's calls."""
         for recorded in self._in_order(parts):
             try:
                 made = call(pipeline, recorded) if recorded.topic in (RAW_FOG, RAW_CAN, RAW_EVENTS) else None
@@ -134,7 +134,7 @@ class _Replay:
                 self._is_set |= recorded.topic == RAW_EVENTS and recorded.value()["event"] in findings.FIXES
 
     def _as_changed(self, event: str, made: Callable[[], object] | None) -> Callable[[], object] | None:
-        """Adapt an event whose meaning another configuration changes."""
+        """Adapt an event whose meaning changes with the configuration."""
         if event == "reload":
             self.notes.append("the live run was given a new configuration on the way; here one holds throughout")
             return None
@@ -148,7 +148,7 @@ class _Replay:
         return made
 
     def _in_order(self, parts: Sequence[McapFile]) -> Iterator[Recorded]:
-        """All messages, while holes in their numbers are counted."""
+        """All messages; count gaps in their numbers."""
         number = None
         recordeds = chain.from_iterable(part.messages() for part in parts)
         for recorded in tqdm(recordeds, "replay", unit=" messages", disable=None, leave=False):
@@ -158,7 +158,7 @@ class _Replay:
             yield recorded
 
     def comparison(self) -> str:
-        """Whether replay and live run agree. The last pose of a cut file may have been published, not recorded."""
+        """Sentence on whether replay and live run agree. A cut file may lack the last pose that was published."""
         live, poses = self.live, self.poses
         for i, (a, b) in enumerate(zip(live, poses, strict=False)):
             if bits(a) != bits(b):
@@ -169,9 +169,9 @@ class _Replay:
 
 
 def call(pipeline: Pipeline, recorded: Recorded) -> Callable[[], object] | None:
-    """The call of the pipeline that a message of a raw topic stands for; None for what it does not know.
+    """Call of the pipeline that a message of a raw topic represents; None for an unknown one.
 
-    Raises what a payload that drd did not write brings: KeyError, OverflowError, TypeError, ValueError.
+    Raises KeyError, OverflowError, TypeError or ValueError for a payload that drd did not write.
     """
     value = recorded.value()
     if recorded.topic == RAW_FOG:
@@ -218,14 +218,14 @@ def _frame(row: dict[str, Any]) -> CanFrame:
 
 
 def _commanded(value: Any) -> float:
-    """Check a number as the daemon does: it lets nothing else through."""
+    """Check a number as the daemon does, which rejects larger ones."""
     if not abs(value) <= LARGEST_COMMANDED:
         raise ValueError(f"expected at most {LARGEST_COMMANDED:g}, got {value!r:.40}")
     return float(value)
 
 
 def recorded_pose(value: dict[str, Any]) -> Pose:
-    """The pose that a message of POSE holds, exact to the bit."""
+    """Decode the pose in a message of POSE, bit for bit."""
     (xx, xy, xh), (_, yy, yh), (_, _, hh) = value["covariance_m_rad"]
     names = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed_sigma_m_s", "rate_sigma_rad_s")
     return Pose(
@@ -244,12 +244,12 @@ def _number(value: float | None) -> float:
 
 
 def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
-    """Equal for two poses only if they agree in every bit."""
+    """Key of a pose, equal for two poses only if they agree in every bit."""
     return packed(pose), pose.validity, pose.reasons
 
 
 def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> list[str]:
-    """Sentences about what the replay did not have."""
+    """Sentences on data missing from the replay."""
     notes = [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
     if missing:
         what = f"part {missing[0]}" if len(missing) == 1 else f"{len(missing)} parts, {missing[0]} to {missing[-1]},"

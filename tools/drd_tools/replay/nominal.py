@@ -1,4 +1,4 @@
-"""From robot.yaml, the nominal model, to a configuration of the daemon; what files say instead of it."""
+"""Configuration of the daemon for robot.yaml, the nominal model, with overrides from files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from drd_tools.recordings.folder import Recording
 
 
 def with_model(recording: Recording, file: Path) -> Recording:
-    """The recording, its nominal model changed by the model file, with the file's effects. Raises ConfigError."""
+    """Apply a model file to a recording: change its nominal model and add the effects. Raises ConfigError."""
     model = load_model(file)
     nominal = model.changed(recording.nominal)
     wheels = recording.wheels
@@ -25,7 +25,7 @@ def with_model(recording: Recording, file: Path) -> Recording:
 
 
 def with_configured_model(recording: Recording, config: Config) -> Recording:
-    """The recording with the effects of the model that the configuration names, if any. Raises ConfigError."""
+    """Add the effects of the model that the configuration names, if any. Raises ConfigError."""
     if config.model.file is None or recording.model is not None:
         return recording
     file = Path(config.model.file)
@@ -40,9 +40,9 @@ def _with_terms(recording: Recording, model: Model, file: Path) -> Recording:
 
 
 def configuration(recording: Recording) -> Config:
-    """The daemon's configuration that robot.yaml stands for.
+    """The daemon's configuration that corresponds to robot.yaml.
 
-    Of a recording that the daemon made, the configuration that was in force.
+    For a recording made by the daemon, the configuration that was in force.
     """
     if recording.config is not None:
         return _as_believed(recording.config, recording.nominal)
@@ -58,10 +58,10 @@ def _as_believed(config: Config, nominal: Robot) -> Config:
 
 
 def in_force(recording: Recording, file: Path | None, calibration: Path | None) -> tuple[Config, Calibration | None]:
-    """Configuration and calibration: robot.yaml's, then what the daemon's configuration `file` states instead of it.
+    """Configuration and calibration: those of robot.yaml, overridden by the daemon's configuration `file`.
 
-    Any part of it may be missing. Its ports, frames and signs have no meaning here; a recording without a gyro stays
-    one. Raises ConfigError.
+    Any part of the file may be missing. Its ports, frames and signs are ignored, and it adds no gyro to a recording
+    without one. Raises ConfigError.
     """
     config = configuration(recording)
     if file is not None:
@@ -75,7 +75,7 @@ def in_force(recording: Recording, file: Path | None, calibration: Path | None) 
 
 
 def _overruled(recording: Recording, loaded: Loaded[Config]) -> Config:
-    """The configuration that a file has changed, checked against the recording. Raises ConfigError."""
+    """Check a configuration that a file has changed against the recording. Raises ConfigError."""
     config = loaded.value
     if recording.encoders.left_counts is not None and config.encoders.counts_per_revolution is None:
         path = "encoders.counts_per_revolution"

@@ -1,4 +1,4 @@
-"""The estimate against the recording's own reference: on its first row at the start, how far off at the end."""
+"""Comparison of the estimate with the recording's own reference: aligned at the start, error at the end."""
 
 import math
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from drd_tools.replay.result import Replayed, Start, table
 
 
 class EndError(NamedTuple):
-    """Estimate less reference at `time_s`, after the estimate was put on the reference's pose at `start_s`."""
+    """Estimate minus reference at `time_s`, with the estimate aligned with the reference's pose at `start_s`."""
 
     start_s: float
     time_s: float
@@ -23,7 +23,7 @@ class EndError(NamedTuple):
 
 
 def start_on_reference(replayed: Replayed, recording: Recording) -> Start:
-    """The start from which the estimate passes through the reference's first row. Raises ConfigError."""
+    """Find the start from which the estimate passes through the reference's first row. Raises ConfigError."""
     overlap = _overlap(replayed, recording)
     if overlap is None:
         expected = "a reference that overlaps the poses in time"
@@ -35,7 +35,7 @@ def start_on_reference(replayed: Replayed, recording: Recording) -> Start:
 
 
 def end_error(replayed: Replayed, recording: Recording) -> EndError | None:
-    """Error at the end; None where there is no reference, or none while there were poses."""
+    """Error at the end; None if there is no reference, or none that overlaps the poses."""
     overlap = _overlap(replayed, recording)
     if overlap is None or recording.reference is None:
         return None

@@ -1,4 +1,4 @@
-"""What a replay gives: the poses, what was in force, a hash of every bit, and the files that keep them."""
+"""Result of a replay: the poses, the configuration in force, a hash of every bit, and the output files."""
 
 import dataclasses
 import hashlib
@@ -27,7 +27,7 @@ BITS: Final = struct.Struct("<2q14d")
 
 
 class Start(NamedTuple):
-    """A pose from which the estimate starts: it is turned and moved there as a whole."""
+    """Pose from which the estimate starts: the whole path is rotated and moved there."""
 
     x_m: float
     y_m: float
@@ -39,12 +39,12 @@ ORIGIN: Final = Start(0.0, 0.0, 0.0)
 
 @dataclass
 class Replayed:
-    """A replay's outcome.
+    """Result of a replay.
 
-    `began_ns`: where the dead reckoning began, the pose there being zero by definition (None: not known).
+    `began_ns`: time at which the dead reckoning began, with a pose of zero by definition (None: not known).
     `zero_ns`: the poses' time at which the recording's `time_s` is 0. `samples` and `counters` are by part and name.
-    `inputs`: SHA-256 of each file that was read. `notes`: sentences for the reader of the summary. `set_ns`: times of
-    the first pose after each that was set from outside, and after each reset.
+    `inputs`: SHA-256 of each file that was read. `notes`: sentences for the summary. `set_ns`: times of the first pose
+    after each one set from outside, and after each reset.
     """
 
     source: Path
@@ -61,7 +61,7 @@ class Replayed:
 
     @property
     def duration_s(self) -> float:
-        """Time from where the dead reckoning began, or from the first pose, to the last one."""
+        """Time from the start of dead reckoning, or from the first pose, to the last one."""
         if not self.poses:
             return 0.0
         return (self.poses[-1].t_ns - (self.began_ns or self.poses[0].t_ns)) * S_PER_NS
@@ -72,13 +72,13 @@ class Replayed:
 
 
 def digest(poses: Sequence[Pose]) -> str:
-    """SHA-256 in hex over the bits of all poses: two streams that differ in one bit anywhere differ in it.
+    """Compute the SHA-256 in hex over all bits of all poses, which differs if any bit differs.
 
     Per pose: BITS, little-endian, then one line of UTF-8 text: the validity and for each reason source, text and
     since_ns, all separated by U+001F and ended by a line feed.
     """
     sha = hashlib.sha256()
-    lines: dict[tuple[str, tuple[Reason, ...]], bytes] = {}  # the same few for thousands of poses
+    lines: dict[tuple[str, tuple[Reason, ...]], bytes] = {}  # thousands of poses share a few
     for p in poses:
         key = (p.validity.value, p.reasons)
         line = lines.get(key)
@@ -90,20 +90,20 @@ def digest(poses: Sequence[Pose]) -> str:
 
 
 def packed(p: Pose) -> bytes:
-    """All numbers of a pose, bit for bit."""
+    """Pack all numbers of a pose, bit for bit."""
     rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
     return BITS.pack(p.t_ns, p.sequence, p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
 
 
 def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The poses as numbers, shape (n, 12): time_s, x_m, y_m, heading_rad, the covariance, seen from `start`, the
-    position's 99 % bound in m, and 1 where the pose is valid.
+    """The poses as numbers, shape (n, 12): time_s, x_m, y_m, heading_rad, the covariance, placed at `start`, the
+    position's 99 % bound in m, and 1 if the pose is valid.
 
-    The first row is `start` itself, at `began_ns`, where that is known and before the first pose. Position and
-    covariance turn with the start: nothing in the filter depends on where x points.
+    The first row is `start` itself, at `began_ns`, if that is known and before the first pose. Position and
+    covariance rotate with the start, as the filter does not depend on the direction of x.
     """
     zero, began, poses = replayed.zero_ns, replayed.began_ns, latest(replayed.poses)
-    # One by one: as tuples the rows of ten hours would take 270 MB more.
+    # A generator: a list of tuples would take 270 MB more for ten hours.
     numbers = (
         (
             *((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance, p.position_bound_m),
@@ -139,7 +139,7 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
 
 
 def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: dict[str, Any] | None = None) -> Path:
-    """Write `file` (CSV with ESTIMATES) and beside it what the numbers come from, as JSON; return the latter's path.
+    """Write `file` (CSV with ESTIMATES) and beside it the provenance, as JSON; return the latter's path.
 
     Raises OSError. `extra` is added to the JSON.
     """
@@ -152,7 +152,7 @@ def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: di
 
 
 def provenance(replayed: Replayed, start: Start = ORIGIN) -> dict[str, Any]:
-    """Provenance of the poses, in plain types for JSON: the digest, the inputs, what was in force, the counters."""
+    """Provenance of the poses, in plain types for JSON: digest, inputs, configuration in force, counters."""
     calibration = replayed.calibration
     return {
         "format": FORMAT,

@@ -1,4 +1,4 @@
-"""What a replay gave, as text for people."""
+"""Summary of a replay as text."""
 
 import math
 from collections import Counter
@@ -9,14 +9,14 @@ from drd.units import DEG_PER_RAD, S_PER_NS
 from drd_tools.replay.reference import EndError
 from drd_tools.replay.result import ORIGIN, Replayed, Start, table
 
-# Share of rejected comparisons that noise with the assumed sigmas never gives.
+# Share of rejected comparisons that noise of the assumed sigmas never reaches.
 MANY = 0.01
-# Counters that say that all is well.
+# Counters of normal events.
 GOOD = ("poses", "accepted", "bias_measured", "frames", "samples", "bytes", "packets")
 
 
 def summary(replayed: Replayed, start: Start = ORIGIN, error: EndError | None = None, taken_s: float = 0.0) -> str:
-    """Aligned lines: what was read, what came out, and its digest. There must be poses."""
+    """Aligned lines on inputs, results and digest. There must be poses."""
     rows, last, robot = table(replayed, start), replayed.poses[-1], replayed.config.robot
     steps_m = np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2]))
     is_set = np.isin(rows[1:, 0], [(t_ns - replayed.zero_ns) * S_PER_NS for t_ns in replayed.set_ns])
@@ -62,7 +62,7 @@ def _counters(replayed: Replayed) -> str:
 
 
 def _advice(replayed: Replayed) -> list[str]:
-    """Lines on what to look at where the two headings do not go together."""
+    """Lines of advice if the two headings disagree."""
     counters = replayed.counters.get("estimator", {})
     rejected, compared = counters.get("rejected", 0), counters.get("rejected", 0) + counters.get("accepted", 0)
     if rejected < MANY * compared or not rejected:

@@ -1,1 +1,1 @@
-"""Pictures and HTML pages, drawn from results that were computed elsewhere."""
+"""Pictures and HTML pages of results computed elsewhere."""

@@ -1,4 +1,4 @@
-"""JSON files into classes, with errors that name file and place."""
+"""Conversion of JSON files to classes, with errors that name file and place."""
 
 import json
 import re
@@ -12,11 +12,11 @@ from drd.config.schema import MISSING, ConfigError
 
 T = TypeVar("T")
 
-LONGEST: Final = 80  # letters of a value that an error shows
+LONGEST: Final = 80  # letters of a value shown in an error
 
 
 def read_json(file: Path, expected: str = "a readable file") -> Any:
-    """The content. Raises ConfigError."""
+    """Read the content. Raises ConfigError."""
     try:
         return json.loads(file.read_bytes())
     except OSError as error:
@@ -32,7 +32,7 @@ def converted(
     dec_hook: Callable[[type, Any], Any] | None = None,
     words: Mapping[str, str] | None = None,
 ) -> T:
-    """`content` of `file` as `form`. `words`: those that the keys of these names may have. Raises ConfigError."""
+    """Convert `content` of `file` to `form`. `words`: allowed values by name of the key. Raises ConfigError."""
     try:
         return msgspec.convert(content, form, dec_hook=dec_hook)
     except msgspec.ValidationError as error:
@@ -40,7 +40,7 @@ def converted(
 
 
 def _refused(file: str, content: Any, message: str, words: Mapping[str, str]) -> ConfigError:
-    """The error that names the place, what is expected there, and what is."""
+    """Make the error that names the place, and what is expected and found there."""
     what, _, path = message.partition(" - at `$")
     path = path.rstrip("`").lstrip(".")
     if missing := MISSING.fullmatch(what):

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: sentences, tables and pictures, to be handed to a colleague as a single file."""
+"""A self-contained HTML page of sentences, tables and pictures, in a single file."""
 
 import base64
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from drd import __version__
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A piece of the page; the template knows how each kind looks."""
+    """A part of the page; the template defines the look of each kind."""
 
     kind: str
     text: str = ""
@@ -28,10 +28,10 @@ class Part:
 
 
 class Page:
-    """Collects the parts in their order, then writes the file. All text is escaped, but for `markup`."""
+    """Builder of a page, which collects parts in order and writes the file. All text is escaped, except `markup`."""
 
     def __init__(self, title: str, lead: Iterable[str]):
-        """`lead`: the few sentences a reader in a hurry needs."""
+        """Begin a page; `lead` is a summary in a few sentences."""
         self._title, self._lead = title, list(lead)
         self._parts: list[Part] = []
 
@@ -40,15 +40,15 @@ class Page:
         self._parts.append(Part(kind="heading", text=text))
 
     def text(self, *texts: str) -> None:
-        """Paragraphs; empty ones are left out."""
+        """Add paragraphs, leaving out empty ones."""
         self._parts += [Part(kind="text", text=text) for text in texts if text]
 
     def code(self, text: str) -> None:
-        """Lines as they are, in a fixed pitch."""
+        """Add lines as they are, in a monospaced font."""
         self._parts.append(Part(kind="code", text=text))
 
     def picture(self, file: Path, caption: str) -> None:
-        """A PNG, embedded; the caption also serves those who cannot see it. Raises OSError."""
+        """Embed a PNG; its caption is also the alternative text. Raises OSError."""
         png = base64.b64encode(file.read_bytes()).decode("ascii")
         self._parts.append(Part(kind="picture", text=caption, png=png))
 
@@ -60,17 +60,17 @@ class Page:
         chosen: Collection[int] = (),
         text_columns: Collection[int] = (),
     ) -> None:
-        """A table; `chosen` are the rows to emphasise, `text_columns` those (besides the first) that hold text."""
+        """Add a table; `chosen` are the rows to emphasise, `text_columns` those (besides the first) that hold text."""
         cells = [[str(cell) for cell in row] for row in rows]
         part = Part(kind="table", text=caption, header=header, rows=cells, chosen=chosen, wide=text_columns)
         self._parts.append(part)
 
     def markup(self, markup: Markup) -> None:
-        """A piece of HTML that a template of the caller's has made, which escapes what it is given."""
+        """Add HTML made by the caller's template, which must escape its input."""
         self._parts.append(Part(kind="markup", markup=markup))
 
     def inputs(self, sha256: Mapping[str, str]) -> None:
-        """Which files it was made from, and their digests."""
+        """Add a table of the input files and their digests."""
         self.table(("input", "SHA-256"), list(sha256.items()), text_columns=(1,))
 
     def save(self, file: Path) -> None:
@@ -81,7 +81,7 @@ class Page:
 
 
 def rendered(package: str, template: str, values: Mapping[str, Any]) -> str:
-    """Fill in a template that lies in a package; it escapes what it is given."""
+    """Render a template from a package, escaping its values."""
     environment = Environment(
         loader=PackageLoader(package, "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )

@@ -1,4 +1,4 @@
-"""Pictures of a run: the path, and how far the estimate was off against what it claimed."""
+"""Pictures of a run: the path, and the estimate's error against its claimed bound."""
 
 import math
 import textwrap
@@ -18,7 +18,7 @@ from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, 
 WIDTH_IN: Final = 10.0
 HEIGHT_IN: Final = 5.8
 LEFT: Final = 0.015
-HEADER: Final = 0.87  # where title and legend end, as part of the height
+HEADER: Final = 0.87  # lower end of title and legend, as a fraction of the height
 CAPTION_COLUMNS: Final = 125
 LEGEND: Final[Any] = {
     "loc": "lower left",
@@ -33,7 +33,7 @@ LEGEND: Final[Any] = {
 
 @dataclass(frozen=True)
 class ErrorSeries:
-    """Position errors over time with the claimed 99 % bound; where `valid` is False is shaded. Each of shape (k,)."""
+    """Position errors over time with the claimed 99 % bound, shaded where `valid` is False. Each of shape (k,)."""
 
     time_s: Array
     error_m: Array
@@ -43,7 +43,7 @@ class ErrorSeries:
 
 @dataclass(frozen=True)
 class Mark:
-    """A moment in the picture of the errors, with its standard deviation."""
+    """A time marked in the picture of the errors, with its standard deviation."""
 
     time_s: float
     text: str
@@ -63,15 +63,15 @@ def path_picture(
 ) -> None:
     """Write a PNG: paths seen from above on the left, the position error over time on the right.
 
-    `truth_xy`, `estimate_xy`, `odometry_xy` (the wheels alone): shape (n, 2) each, n >= 1, m. Raises OSError where
-    `file` cannot be written, ValueError where shapes do not fit.
+    `truth_xy`, `estimate_xy`, `odometry_xy` (the wheels alone): shape (n, 2) each, n >= 1, m. Raises OSError if
+    `file` cannot be written, ValueError if shapes do not match.
     """
     with styled():
         layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.05, rect=(0, 0, 1, HEADER))
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor="white", layout=layout)
         shown = [xy for xy in (truth_xy, estimate_xy, odometry_xy) if xy is not None]
         extent = np.ptp(np.concatenate(shown), axis=0)
-        # The path's panel is as wide as the path asks for, within limits that leave both panels readable.
+        # The path's panel is as wide as the path requires, within limits that keep both panels readable.
         width = float(np.clip((extent[0] + 0.1) / (extent[1] + 0.1), 0.55, 1.3))
         path: Any
         error: Any
@@ -123,7 +123,7 @@ def _draw_errors(axes: Any, errors: ErrorSeries) -> None:
 
 
 def _draw_marks(axes: Any, marks: Sequence[Mark]) -> None:
-    """Upright lines, each with its text beside it, one below the other."""
+    """Draw vertical lines with their texts, one below the other."""
     whole_height = axes.get_xaxis_transform()
     for k, mark in enumerate(marks):
         if mark.std_s:
@@ -138,6 +138,6 @@ def _draw_marks(axes: Any, marks: Sequence[Mark]) -> None:
 
 
 def _wrapped(text: str) -> str:
-    """In lines of about equal length."""
+    """Wrap into lines of about equal length."""
     lines = max(1, math.ceil(len(text) / CAPTION_COLUMNS))
     return textwrap.fill(text, min(CAPTION_COLUMNS, len(text) // lines + 12))

@@ -1,4 +1,4 @@
-"""Results that a command keeps in its folder, so that they can be printed, compared and drawn again."""
+"""Results that a command saves in its folder, to be printed, compared and drawn again."""
 
 import argparse
 import json
@@ -15,16 +15,16 @@ from drd.config.schema import ConfigError
 from drd_tools.report.json_file import converted, read_json
 
 FILE: Final = "results.json"
-SIGNIFICANT_DIGITS: Final = 7  # of arrays
-# Of numbers with more digits before the point: times since 1970 to 0.1 ms, UTM coordinates to 0.1 mm.
+SIGNIFICANT_DIGITS: Final = 7  # in arrays
+# For numbers with more digits before the point: times since 1970 to 0.1 ms, UTM coordinates to 0.1 mm.
 DECIMALS: Final = 4
 
 
 @dataclass(frozen=True)
 class Saved:
-    """What a command computes once, to be printed and drawn as often as wanted; a dataclass of plain data and arrays.
+    """Base of results that a command computes once, to be printed and drawn repeatedly: plain data and arrays.
 
-    `FORMAT` marks the file, `COMMAND` is what makes it.
+    `FORMAT` identifies the file, `COMMAND` is the command that makes it.
     """
 
     FORMAT: ClassVar[str]
@@ -46,7 +46,7 @@ class Saved:
 
     @classmethod
     def read(cls, file: Path) -> Self:
-        """Read what `write` wrote. Raises ConfigError."""
+        """Read a file made by `write`. Raises ConfigError."""
         content = read_json(file, f"results of an earlier `{cls.COMMAND}`")
         if not isinstance(content, dict) or content.get("format") != cls.FORMAT:
             raise ConfigError(str(file), "format", cls.FORMAT, "another one or none")
@@ -74,7 +74,7 @@ def keep_and_show(
     tell: Callable[[S], None],
     report: Callable[[S, Path], list[Path]],
 ) -> int:
-    """Make a result, or load that of --draw; keep it in --output if there is one, print it and draw it there.
+    """Make a result, or load that of --draw; save it in --output if given, print it and draw it there.
 
     Returns exit code 0. Raises ConfigError.
     """
@@ -87,7 +87,7 @@ def keep_and_show(
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
                 result.save(folder)
-                result = kind.load(folder)  # what is shown is what was saved, to the digit
+                result = kind.load(folder)  # show exactly the saved digits
         tell(result)
         if folder is not None:
             tell_files([folder / FILE, *report(result, folder)])
@@ -95,5 +95,5 @@ def keep_and_show(
 
 
 def tell_files(files: list[Path]) -> None:
-    """Print what was written."""
+    """Print the names of the files written."""
     print("\nfiles: " + ", ".join(map(str, files[:4])) + (" ..." if len(files) > 4 else ""))

@@ -1,4 +1,4 @@
-"""One look for all pictures: colours, fonts, grids."""
+"""Common style of all pictures: colours, fonts, grids."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from drd.arrays import Array
 
-# Okabe and Ito (2008): told apart by all readers, and in grey by their lightness.
+# Okabe and Ito (2008): distinguishable by colour-blind readers, and in grey by lightness.
 BLUE: Final = "#0072B2"
 SKY: Final = "#56B4E9"
 GREEN: Final = "#009E73"
@@ -50,19 +50,19 @@ STYLE: Final[Any] = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The project's look, for figures that are made and saved inside."""
+    """Apply the project's style to figures that are made and saved inside."""
     with mpl.rc_context(STYLE):
         yield
 
 
 def make_figure(width_in: float = 10.0, height_in: float = 4.5) -> Figure:
-    """An empty figure that lays its panels out by itself. Call it, and save, inside `styled()`."""
+    """Make an empty figure with automatic layout. Call it, and save, inside `styled()`."""
     return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
 
 
 @contextmanager
 def picture(file: Path, width_in: float = 10.0, height_in: float = 4.5) -> Iterator[Any]:
-    """A figure to draw on, saved as a PNG at the end. Raises OSError."""
+    """Provide a figure to draw on, saved as a PNG at the end. Raises OSError."""
     with styled():
         figure = make_figure(width_in, height_in)
         yield figure
@@ -70,13 +70,13 @@ def picture(file: Path, width_in: float = 10.0, height_in: float = 4.5) -> Itera
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Write a PNG. Raises OSError. `savefig` would draw everything twice, for the same bits."""
+    """Write a PNG. Raises OSError. `savefig` would draw everything twice, with the same result."""
     canvas: Any = FigureCanvasAgg(figure)
     canvas.print_png(file)
 
 
 def tidy(axes: Any, title: str, ticks: int = 8, *, x: str = "", y: str = "") -> None:
-    """Title, the axes' labels, grid, two spines and round ticks."""
+    """Set title, axis labels, grid, two spines and round ticks."""
     axes.set_title(title)
     if x:
         axes.set_xlabel(x)
@@ -91,13 +91,13 @@ def tidy(axes: Any, title: str, ticks: int = 8, *, x: str = "", y: str = "") -> 
 
 
 def tidy_map(axes: Any, title: str, ticks: int = 8) -> None:
-    """The same for paths seen from above: a metre is as long in x as in y."""
+    """Do the same for paths seen from above, with equal scales of x and y."""
     axes.set_aspect("equal", adjustable="datalim")
     tidy(axes, title, ticks, x="x / m", y="y / m")
 
 
 def draw_path(axes: Any, x_m: Array, y_m: Array, title: str) -> None:
-    """Draw a path seen from above, with its two ends; a metre is shown in full where the robot stays on the spot."""
+    """Draw a path seen from above, with its two ends; the view is a metre wide if the robot stays on the spot."""
     axes.plot(x_m, y_m, color=BLUE, linewidth=1.4)
     ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
     axes.plot(x_m[0], y_m[0], "o", label="start", zorder=5, **ring)
@@ -113,10 +113,10 @@ def draw_path(axes: Any, x_m: Array, y_m: Array, title: str) -> None:
 
 
 def legend_below(figure: Any, axes: Any, ncols: int) -> None:
-    """One legend for all panels, of what one of them shows."""
+    """Add one legend for all panels, taken from `axes`."""
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=ncols)
 
 
 def short(name: str, letters: int = 44) -> str:
-    """A name that fits a picture; its end is what tells runs apart."""
+    """Shorten a name for a picture, keeping its end, which distinguishes runs."""
     return name if len(name) <= letters else "..." + name[3 - letters :]

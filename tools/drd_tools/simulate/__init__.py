@@ -1,1 +1,1 @@
-"""Drives that never were: a true motion at 500 Hz, effects of the catalogue, and what the sensors say about both."""
+"""Simulated drives: a true motion at 500 Hz, effects of the catalogue, and the sensors' readings of both."""

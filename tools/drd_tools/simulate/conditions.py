@@ -1,4 +1,4 @@
-"""What a run is like beyond the robot: ground, noise against the data sheets, and the reference."""
+"""Conditions of a run apart from the robot: ground, noise relative to the data sheets, and the reference."""
 
 import math
 import zlib
@@ -14,7 +14,7 @@ Random = np.random.Generator
 
 
 def stream(seed: int, source: str) -> Random:
-    """A source's own random numbers: what one source draws, or whether it is there, changes no other's."""
+    """Random numbers of one source, independent of whether and how others are used."""
     return np.random.default_rng([seed, zlib.crc32(source.encode())])
 
 
@@ -22,9 +22,9 @@ def stream(seed: int, source: str) -> Random:
 class Ground:
     """Effect of the ground on a skid-steer robot; the slip noise of robot.yaml is not part of it.
 
-    `skid`: standard deviation by which the instantaneous centre of rotation of each side wanders (1: its distance from
-    the middle), over `skid_length_m` of wheel travel; with it wander effective tread and forward gain. `centre_m`:
-    that by which the centre wanders lengthwise, so that the body slides sideways as it turns. Bumps add travel to
+    `skid`: standard deviation of each side's instantaneous centre of rotation (1: its distance from the middle), with
+    a correlation length of `skid_length_m` of wheel travel; effective tread and forward gain vary with it. `centre_m`:
+    standard deviation of the centre lengthwise, which makes the body slide sideways as it turns. Bumps add travel to
     each wheel: `bump_per_m` of exponentially distributed size with the mean `bump_m`.
     """
 
@@ -44,9 +44,9 @@ GROUNDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """Times of the reference's poses: every `period_s`, or None: at the two ends only. `is_there` False: never.
+    """The reference: poses every `period_s`, or None: at the two ends only. `is_there` False: none.
 
-    Its poses are `latency_s` old, and of a point that is `lever_m` (forward, left) off the robot's centre.
+    Its poses are `latency_s` old, of a point at `lever_m` (forward, left) from the robot's centre.
     """
 
     is_there: bool = True
@@ -69,9 +69,9 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """`*_noise` are factors on robot.yaml's data sheets, the gyro's bias included. `tails`: degrees of freedom of
-    Student's t, whose scatter is that of the data sheet; inf: Gaussian, else more than 2. `jitter_s`: scatter of the
-    stamps. `quantise`: the gyro's rate and temperature are rounded to their resolution (counts always are whole).
+    """Conditions: `*_noise` are factors on robot.yaml's data sheets, including the gyro's bias. `tails`: degrees of
+    freedom of Student's t, scaled to the data sheet; inf: Gaussian, otherwise more than 2. `jitter_s`: scatter of the
+    stamps. `quantise`: round the gyro's rate and temperature to their resolution (counts are always whole).
     """
 
     gyro_noise: float = 1.0
@@ -84,8 +84,8 @@ class Conditions:
     ground: Ground = field(default_factory=Ground)
 
     def stressed(self, seed: int) -> "Conditions":
-        """Nothing is missing in the model, but all is a bit worse than on paper: noise up to 30 % off the data sheets,
-        heavy tails, a reference that is up to 10 ms late and up to 5 cm off the centre.
+        """Worsen the conditions without adding an effect: noise up to 30 % off the data sheets, heavy tails, a
+        reference up to 10 ms late and up to 5 cm off the centre.
         """
         random = stream(seed, "stress")
         gyro, wheels, reference = random.uniform(0.7, 1.3, 3).tolist()
@@ -98,17 +98,17 @@ PERFECT: Final = Conditions(gyro_noise=0.0, wheel_noise=0.0, reference_noise=0.0
 
 
 def scatter(n: int, random: Random, tails: float) -> Array:
-    """Independent numbers of unit variance, shape (n,)."""
+    """Draw independent numbers of unit variance, shape (n,)."""
     if math.isinf(tails):
         return random.standard_normal(n)
     return random.standard_t(tails, n) * math.sqrt((tails - 2.0) / tails)
 
 
 def wandering(distance_m: Array, length_m: float, random: Random) -> Array:
-    """A stationary Gauss-Markov sequence of unit variance along a travel that never falls, shape (n,)."""
-    from scipy.signal import lfilter  # noqa: PLC0415  # half a second, and most ground is even
+    """Draw a stationary Gauss-Markov sequence of unit variance along a non-decreasing travel, shape (n,)."""
+    from scipy.signal import lfilter  # noqa: PLC0415  # takes half a second, and most ground is even
 
-    spacing = 0.05  # of the correlation length; between its points the values are on a line
+    spacing = 0.05  # in correlation lengths; linear interpolation in between
     points = math.ceil(float(distance_m[-1]) / (spacing * length_m)) + 2
     keep = math.exp(-spacing)
     drive = random.standard_normal(points) * math.sqrt(1.0 - keep * keep)

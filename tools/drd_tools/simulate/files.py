@@ -1,4 +1,4 @@
-"""The recording folder, with the truth beside it: truth.yaml and truth.csv."""
+"""The simulated recording's folder, which also holds the truth: truth.yaml and truth.csv."""
 
 import math
 from dataclasses import asdict
@@ -21,19 +21,19 @@ from drd_tools.simulate.simulator import Simulated
 
 ROBOT, ENCODERS, FOG, REFERENCE = "robot.yaml", "encoders.csv", "fog.csv", "reference.csv"
 TRUTH, TRUE_MOTION = "truth.yaml", "truth.csv"
-# Every tenth state of the 500 Hz.
+# Keep every tenth state of the 500 Hz.
 EVERY: Final = 10
 MOTION: Final = (
     "time_s", "x_m", "y_m", "heading_deg", "speed_m_s", "lateral_m_s", "rate_deg_s", "temperature_c",
 )  # fmt: skip
-# What the effects change in the readings: the gyro's rate, and the travel counted since the start.
+# Changes that the effects cause: the gyro's rate, and the travel counted since the start.
 CHANGES: Final = ("gyro_change_deg_s", "left_change_m", "right_change_m")
 
 
 def write_folder(simulated: Simulated, folder: Path, about: dict[str, Any], without: Simulated | None = None) -> None:
     """Write the recording; `about` goes into truth.yaml. `without`: the same run without effects, for the changes.
 
-    Files of an earlier simulation are replaced. Raises ConfigError where the folder holds a recording that was not
+    Files of an earlier simulation are replaced. Raises ConfigError if the folder holds a recording that was not
     simulated, or cannot be written.
     """
     write_recording(folder, simulated.recording, truth_yaml(simulated, about))
@@ -45,20 +45,20 @@ def write_folder(simulated: Simulated, folder: Path, about: dict[str, Any], with
 
 
 def write_recording(folder: Path, recording: Recording, truth: str) -> None:
-    """Write robot.yaml and the sensors' files beside truth.yaml, the text `truth`. Raises ConfigError, see above."""
+    """Write robot.yaml, the sensors' files, and truth.yaml with the text `truth`. Raises ConfigError, see above."""
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / ROBOT).exists() and not (folder / TRUTH).exists():
             raise ConfigError(str(folder), "", "an empty folder, or a simulated recording", "another recording")
         for name in (FOG, REFERENCE):
-            (folder / name).unlink(missing_ok=True)  # it may not be written again
+            (folder / name).unlink(missing_ok=True)  # the new recording may not have it
         (folder / TRUTH).write_text(truth, encoding="utf-8")
         (folder / ROBOT).write_text(robot_yaml(recording.nominal), encoding="utf-8")
         _write_logs(recording, folder)
 
 
 def truth_yaml(simulated: Simulated, about: dict[str, Any]) -> str:
-    """Text of truth.yaml; its `effects` are in the form of a model file."""
+    """Make the text of truth.yaml; its `effects` are in the form of a model file."""
     truth = simulated.truth
     content = {
         **about,
@@ -124,7 +124,7 @@ def _motion(simulated: Simulated) -> dict[str, Array]:
 
 
 def _changes(simulated: Simulated, without: Simulated, time_s: Array) -> dict[str, Array]:
-    """Readings less those without the effects, at any times; the noise, which is the same, falls out."""
+    """Readings minus those without the effects, at given times; the noise, being the same, cancels."""
     columns = [np.zeros_like(time_s)]
     fog, plain = simulated.recording.fog, without.recording.fog
     if fog is not None and plain is not None:
@@ -149,7 +149,7 @@ def read_true_motion(folder: Path) -> dict[str, Array]:
 
 
 def read_truth(folder: Path) -> dict[str, Any]:
-    """truth.yaml. Raises ConfigError."""
+    """Read truth.yaml. Raises ConfigError."""
     file = folder / TRUTH
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))

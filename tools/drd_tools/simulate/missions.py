@@ -1,4 +1,4 @@
-"""Missions by name: laps that close, from standstill to standstill."""
+"""Missions by name: closed laps, from standstill to standstill."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from drd_tools.recordings.folder import read_table
 from drd_tools.simulate.route import ACCELERATION_M_S2, LATERAL_M_S2, RATE_HZ, SMOOTHING_S, Route, Steps, bend_shape
 
 QUARTER: Final = 0.5 * math.pi
-# Columns of a file of way-points, and what they may hold.
+# Columns of a way-point file, and their limits.
 POINT, SPEED = ("x_m", "y_m"), "speed_m_s"
 PLACES_M, SPEEDS_M_S, APART_M = (-1e5, 1e5), (0.05, 10.0), 0.01
 # First zero of the Bessel function J0: a path whose heading swings this far (sine over its length) is a closed
@@ -21,9 +21,9 @@ EIGHT_SWING_RAD: Final = 2.404825557695773
 
 
 class Mission(NamedTuple):
-    """A lap is added to the route; it ends where it began, with the heading it began with, but for whole turns.
+    """A mission, whose lap ends at its start pose, up to whole turns of the heading.
 
-    `lap(route, number)` has the laps' number from 0: what turns mostly one way is mirrored in every other lap.
+    `lap(route, number)` adds lap `number`, from 0, to the route; laps with a net turn are mirrored every other time.
     """
 
     text: str
@@ -31,7 +31,7 @@ class Mission(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """A mission as driven. `laps` whole laps are in it; 0: it was cut before the first one ended."""
+    """A mission as driven. `laps`: number of whole laps; 0: it was cut before the first one ended."""
 
     steps: Steps
     laps: int
@@ -39,10 +39,10 @@ class Drive(NamedTuple):
 
 
 def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0, laps: int = 1) -> Drive:
-    """A standstill of `stand_s`, then as many whole laps as fit into `seconds`, then standstill until their end.
+    """Make a standstill of `stand_s`, as many whole laps as fit into `seconds`, and a standstill for the rest.
 
-    Where not even one fits, it is cut at `seconds`. Without `seconds`: `laps`. `mission` is a name of MISSIONS, or a
-    file of way-points (see `read_waypoints`). Raises ConfigError.
+    If not even one fits, it is cut at `seconds`. Without `seconds`: `laps`. `mission` is a name of MISSIONS, or a
+    way-point file (see `read_waypoints`). Raises ConfigError.
     """
     if mission in MISSIONS:
         lap, start = MISSIONS[mission].lap, (0.0, 0.0, 0.0)
@@ -68,20 +68,20 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
 
 
 def _lasting(steps: Steps, total: int) -> Steps:
-    """Steps cut to `total`, or followed by standstill until then."""
+    """Cut the steps to `total`, or extend them by a standstill."""
     return Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
 
 
 def demo_drive(seconds: float, stand_s: float = 10.0) -> Drive:
-    """Figures of eight that take `seconds`, with a standstill of `stand_s` first and a short one at the end.
+    """Make figures of eight that take `seconds`, with a standstill of `stand_s` first and a short one at the end.
 
-    As many metres as fit. Where time is too short for a whole eight at a bearable yaw rate, an open, wavy path;
-    where it is too short for that as well, the robot stands.
+    The path is as long as possible. If time is too short for a whole eight at a moderate yaw rate, it is an open, wavy
+    path; if it is too short for that too, the robot stands.
     """
     lap_m, rate_limit_rad_s, shortest_m = 100.0, 0.8, 0.05
     end_stand_s = min(2.0, 0.1 * seconds)
     moving_s = max(0.0, seconds - stand_s - end_stand_s - SMOOTHING_S)
-    speed = min(1.5, ACCELERATION_M_S2 * moving_s / 4.0)  # at most half of the time is for ramps
+    speed = min(1.5, ACCELERATION_M_S2 * moving_s / 4.0)  # ramps take at most half of the time
     length_m = speed * (moving_s - speed / ACCELERATION_M_S2)
     route = Route().stand(stand_s)
     if length_m > shortest_m:
@@ -90,7 +90,7 @@ def demo_drive(seconds: float, stand_s: float = 10.0) -> Drive:
 
 
 def _wave(route: Route, length_m: float, waves: int, speed_m_s: float, limit_rad_s: float = math.inf) -> None:
-    """Swing the heading as a sine over the path, so far that each wave is a closed figure of eight, or as allowed."""
+    """Vary the heading as a sine over the path, so that each wave is a closed figure of eight, if the limit allows."""
     per_m, cells = 2.0 * math.pi * waves / length_m, max(2000, round(100.0 * length_m))
     along = (np.arange(cells) + 0.5) * length_m / cells
     swing = min(EIGHT_SWING_RAD, limit_rad_s / (speed_m_s * per_m))
@@ -98,7 +98,7 @@ def _wave(route: Route, length_m: float, waves: int, speed_m_s: float, limit_rad
 
 
 def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
-    """Points, and speeds of the legs towards them (none: 1 m/s), of a CSV file with x_m,y_m[,speed_m_s].
+    """Read points, and speeds of the legs towards them (default 1 m/s), from a CSV file with x_m,y_m[,speed_m_s].
 
     Raises ConfigError with file, line and column.
     """
@@ -117,7 +117,7 @@ def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
 
 
 def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[float, float, float]]:
-    """Lap from the first point along all others, and its start; further laps go back to the first and begin again."""
+    """Lap from the first point along all others, and its start; further laps return to the first point."""
     points, speeds = read_waypoints(file)
     (x, y), (to_x, to_y) = points[:2]
 
@@ -130,7 +130,7 @@ def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[floa
 
 
 def _square(side: float) -> Callable[[Route, int], object]:
-    """The path of Chung, Ojeda and Borenstein (2001), section 4: 210 m; slow near the corners' eight via-points."""
+    """Path of Chung, Ojeda and Borenstein (2001), section 4: 210 m; slow near the corners' eight via-points."""
 
     def lap(route: Route, _: int) -> None:
         for _corner in range(4):
@@ -158,13 +158,13 @@ def _warehouse(route: Route, number: int) -> None:
     go(0.7, (16.0, 8.0), (16.0, 12.0), (20.0, 12.0))
     route.turn(side * math.pi, 0.7).stand(3.0)
     go(1.2, (-4.0, 12.0), (-4.0, 0.0), (0.0, 0.0))
-    # So far a net turn to one side; the mirrored lap takes it back.
+    # The mirrored lap cancels the net turn.
     route.stand(4.0)
 
 
 def _field(route: Route, _: int) -> None:
     lines, length_m, apart_m = 4, 30.0, 3.0
-    # A bend by half a turn ends sideways of its beginning by a fixed part of its length.
+    # The sideways displacement of a half-turn bend is a fixed fraction of its length.
     bend_m = apart_m / bend_shape(math.pi)[1]
     for line in range(lines):
         route.straight(length_m, 1.0)
@@ -192,7 +192,7 @@ def _spins(route: Route, _: int) -> None:
 
 
 def _slalom(route: Route, _: int) -> None:
-    gates, swing = 12, 0.7  # even, so that it ends straight on
+    gates, swing = 12, 0.7  # even, so that it ends in the initial direction
     for _direction in range(2):
         route.bend(swing, 2.5, 1.5)
         for gate in range(gates):

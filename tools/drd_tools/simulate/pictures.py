@@ -1,4 +1,4 @@
-"""Pictures of what was simulated, from the columns of truth.csv."""
+"""Pictures of a simulation, from the columns of truth.csv."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,7 +36,7 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
 
 
 def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
-    """Draw what the effects changed in the readings. Raises OSError."""
+    """Draw the changes of the readings due to the effects. Raises OSError."""
     time_s, gyro = columns["time_s"], columns["gyro_change_deg_s"]
     left, right = columns["left_change_m"], columns["right_change_m"]
     step_s = np.diff(time_s, prepend=time_s[0])

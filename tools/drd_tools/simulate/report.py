@@ -1,4 +1,4 @@
-"""Report of a simulated folder, made from the files in it."""
+"""Report on a simulated folder, made from its files."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +15,7 @@ from drd_tools.simulate.pictures import draw_changes, draw_motion
 
 
 def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:
-    """Sentences on what was driven, and with which effects."""
+    """Sentences on the drive and its effects."""
     x, y = columns["x_m"], columns["y_m"]
     apart_m = float(np.hypot(x[-1] - x[0], y[-1] - y[0]))
     laps, names = about["whole_laps"], [row["effect"] for row in about["effects"]]
@@ -28,7 +28,7 @@ def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:
 
 
 def effect_table(about: dict[str, Any]) -> Iterable[tuple[str, str, str, str]]:
-    """Rows: effect, parameter, value with unit, what the effect is."""
+    """Rows: effect, parameter, value with unit, description of the effect."""
     for row in about["effects"]:
         effect = catalogue()[row["effect"]]
         for i, p in enumerate(effect.parameters):
@@ -38,7 +38,7 @@ def effect_table(about: dict[str, Any]) -> Iterable[tuple[str, str, str, str]]:
 
 
 def condition_table(about: dict[str, Any]) -> Iterable[tuple[str, str]]:
-    """Rows: name and value, flat."""
+    """Rows of name and value, flattened."""
     yield "seed", str(about["seed"])
     yield "temperature", str(about["temperature"])
     yield "gyro_bias_deg_s", f"{about['gyro_bias_deg_s']:.6f}"
@@ -48,7 +48,7 @@ def condition_table(about: dict[str, Any]) -> Iterable[tuple[str, str]]:
 
 
 def write_report(folder: Path) -> None:
-    """Write pictures and report.html from what the folder holds. Raises ConfigError, OSError."""
+    """Write pictures and report.html from the folder's files. Raises ConfigError, OSError."""
     about, columns = read_truth(folder), read_true_motion(folder)
     recording = read_recording(folder)
     found = sentences(about, columns)

@@ -1,4 +1,4 @@
-"""The robot that is simulated: robot.yaml, and the model file that says what it is beyond that."""
+"""The simulated robot: robot.yaml, and the model file with its deviations from that."""
 
 from pathlib import Path
 from typing import Final
@@ -30,7 +30,7 @@ DEFAULT: Final = Robot(
 
 
 def read_robot(robot: Path | None, model: Path | None) -> tuple[Robot, Effects]:
-    """The nominal robot (none given: DEFAULT) with the model file's keys, and its effects. Raises ConfigError."""
+    """Read the nominal robot (DEFAULT if None), changed by the model file, and its effects. Raises ConfigError."""
     nominal = DEFAULT if robot is None else load_robot(robot).value
     if model is None:
         return nominal, ()
@@ -39,7 +39,7 @@ def read_robot(robot: Path | None, model: Path | None) -> tuple[Robot, Effects]:
 
 
 def robot_yaml(nominal: Robot) -> str:
-    """The text of robot.yaml."""
+    """Make the text of robot.yaml."""
     rows = {k: v for k, v in nominal.sections().items() if v is not None}
     plain = {
         k: {n: w for n, w in v.items() if w is not None} or None if isinstance(v, dict) else v for k, v in rows.items()

@@ -1,4 +1,4 @@
-"""A commanded path, leg by leg, and how a robot with limited acceleration rides it."""
+"""A commanded path, leg by leg, and the motion of a robot with limited acceleration along it."""
 
 import math
 from collections.abc import Sequence
@@ -10,28 +10,28 @@ from drd.arrays import Array
 
 RATE_HZ: Final = 500
 STEP_S: Final = 1.0 / RATE_HZ
-# The path is cut into cells of about this length; curvature and speed limit are constant in each.
+# Approximate length of the path's cells; curvature and speed limit are constant in each.
 CELL_M: Final = 0.004
-# Speed is averaged over this long, so that acceleration has no steps.
+# Speed is averaged over this time, so that acceleration is continuous.
 SMOOTHING_S: Final = 0.8
 ACCELERATION_M_S2: Final = 0.5
 LATERAL_M_S2: Final = 0.8
 RATE_LIMIT_RAD_S: Final = 0.9
 TURN_ACCELERATION_RAD_S2: Final = 1.2
-# Between legs that turn back more sharply, or leave no room for a bend, the robot stops and turns on the spot.
+# At sharper corners, or without room for a bend, the robot stops and turns on the spot.
 SHARPEST_BEND_RAD: Final = math.radians(150.0)
 SHORTEST_BEND_M: Final = 0.2
 
 
 class Steps(NamedTuple):
-    """The body's motion in each step of STEP_S: path forward and turn to the left, shape (n,) each."""
+    """The body's motion in each step of STEP_S: forward travel and left turn, shape (n,) each."""
 
     forward_m: Array
     turned_rad: Array
 
 
 class Route:
-    """Collects legs; each begins where the one before ends. Starts at the origin, heading 0 (along x), or as given."""
+    """Builder of a route from consecutive legs. It starts at the origin, heading 0 (along x), or as given."""
 
     def __init__(self, x_m: float = 0.0, y_m: float = 0.0, heading_rad: float = 0.0):
         self.x_m, self.y_m, self.heading_rad = x_m, y_m, heading_rad
@@ -39,7 +39,7 @@ class Route:
         self._cells: list[tuple[Array, Array, Array]] = []
 
     def curve(self, length_m: float, curvature_per_m: Array, speed_m_s: float) -> Self:
-        """Drive cells of equal length, shape (n,), slower where yaw rate or lateral acceleration ask for it."""
+        """Drive cells of equal length, shape (n,), slower where yaw rate or lateral acceleration require it."""
         cells, bend = len(curvature_per_m), np.abs(curvature_per_m) + 1e-9
         limit = np.minimum(speed_m_s, np.minimum(RATE_LIMIT_RAD_S / bend, np.sqrt(LATERAL_M_S2 / bend)))
         cell_m = np.full(cells, length_m / cells)
@@ -63,7 +63,7 @@ class Route:
         return self
 
     def bend(self, angle_rad: float, length_m: float, speed_m_s: float) -> Self:
-        """Drive a bend whose curvature rises and falls like a cosine, left positive."""
+        """Drive a bend whose curvature is a raised cosine, left positive."""
         u = (np.arange(_cells(length_m)) + 0.5) / _cells(length_m)
         return self.curve(length_m, angle_rad / length_m * (1.0 - np.cos(2.0 * math.pi * u)), speed_m_s)
 
@@ -89,7 +89,7 @@ class Route:
         corner_m: float = 2.0,
         speeds_m_s: Sequence[float] = (),
     ) -> Self:
-        """Drive from point to point, the corners rounded over `corner_m` of path; `speeds_m_s` of single legs."""
+        """Drive from point to point, rounding corners over `corner_m` of path; `speeds_m_s`: speed of each leg."""
         corners = np.array([(self.x_m, self.y_m), *points_m])
         legs = np.diff(corners, axis=0)
         lengths, headings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
@@ -112,7 +112,7 @@ class Route:
         return self
 
     def steps(self) -> Steps:
-        """The whole ride, from standstill to standstill."""
+        """Motion over the whole route, from standstill to standstill."""
         self._stop()
         forward, turned = zip(*self._done, strict=True)
         return Steps(np.concatenate(forward), np.concatenate(turned))
@@ -125,14 +125,14 @@ class Route:
 
 
 def bend_shape(angle_rad: float) -> tuple[float, float]:
-    """End of a bend of unit length, along x at first: x and y, as parts of its length."""
+    """End point x, y of a bend of unit length that starts along x."""
     u = (np.arange(2000) + 0.5) / 2000
     heading = angle_rad * (u - np.sin(2.0 * math.pi * u) / (2.0 * math.pi))
     return float(np.cos(heading).mean()), float(np.sin(heading).mean())
 
 
 def _corner(angle_rad: float, length_m: float, room_m: float) -> tuple[float, float]:
-    """Length of a bend, and how far before and after the corner it begins and ends; zeros: turn on the spot."""
+    """Length of a bend, and distance of its ends from the corner; zeros: turn on the spot."""
     if not 1e-9 < abs(angle_rad) < SHARPEST_BEND_RAD:
         return 0.0, 0.0
     tangent = math.hypot(*bend_shape(angle_rad)) / (2.0 * math.cos(0.5 * angle_rad))
@@ -149,7 +149,7 @@ def _nodes(steps: Array) -> Array:
 
 
 def _riding(length_m: Array, curvature_per_m: Array, limit_m_s: Array, sign: float) -> Steps:
-    """Ride through cells, shape (n,) each, from standstill to standstill; `sign` -1 is backwards."""
+    """Move through cells, shape (n,) each, from standstill to standstill; `sign` -1 is backwards."""
     travel_m = _ride(length_m, limit_m_s, ACCELERATION_M_S2)
     heading = np.interp(travel_m, _nodes(length_m), _nodes(length_m * curvature_per_m))
     return Steps(sign * np.diff(travel_m), sign * np.diff(heading))
@@ -164,7 +164,7 @@ def _turning(angle_rad: float, rate_rad_s: float) -> Steps:
 
 
 def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
-    """The path at every STEP_S, from standstill to standstill, through cells with limits of the speed."""
+    """Compute the travel at every STEP_S, from standstill to standstill, through cells with speed limits."""
     along = _nodes(cell)
     squared = np.concatenate(([0.0], np.minimum(limit[1:], limit[:-1]) ** 2, [0.0]))
     gained = 2.0 * acceleration * along  # v^2 = v0^2 + 2 a s, forward and backward

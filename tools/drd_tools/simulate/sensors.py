@@ -1,4 +1,4 @@
-"""What a robot's gyro, wheel counters and reference say of a motion: one model for the trajectories of all worlds.
+"""Simulated readings of gyro, wheel counters and reference, for trajectories from any simulation.
 
 The noise is that of the data sheets in robot.yaml. Each source of noise has its own random numbers.
 """
@@ -25,15 +25,15 @@ from drd_tools.simulate.conditions import Conditions, Random, scatter, stream
 
 Effects = Sequence[tuple[Effect, Values]]
 
-GYRO_HZ: Final = 10.0  # where robot.yaml does not say
+GYRO_HZ: Final = 10.0  # default if robot.yaml does not state it
 ENCODERS_HZ: Final = 20.0
 THERMOMETER_C: Final = 0.1
-# Decimals in the files; the numbers in memory are those that a reader of the files finds.
+# Decimals in the files; numbers in memory are rounded alike.
 DECIMALS: Final = 6
 
 
 def bias_rad_s(time_s: Array, nominal: Robot, factor: float, seed: int) -> Array:
-    """Bias at switch-on and its random walk, which has a corner at each sample; shape (n,)."""
+    """Bias at switch-on and its random walk, linear between samples; shape (n,)."""
     start = factor * (nominal.gyro_bias_repeatability_deg_s or 0.0) * RAD_PER_DEG
     start *= float(stream(seed, "gyro bias").standard_normal())
     period_s = 1.0 / (nominal.gyro_rate_hz or GYRO_HZ)
@@ -45,7 +45,7 @@ def bias_rad_s(time_s: Array, nominal: Robot, factor: float, seed: int) -> Array
 
 
 def gyro_log(m: Motion, nominal: Robot, effects: Effects, conditions: Conditions, seed: int) -> FogLog:
-    """Rows of a gyro whose bias and effects are in the motion. Each is the mean over the time since the one before."""
+    """Make a gyro's rows, each the mean since the row before, from a motion that includes its bias and effects."""
     at_s = _sampled_s(m, nominal.gyro_rate_hz or GYRO_HZ)
     interval_s = float(at_s[1] - at_s[0])
     rate = np.diff(_integral(m, m.rate_rad_s, at_s)) / interval_s
@@ -61,10 +61,10 @@ def gyro_log(m: Motion, nominal: Robot, effects: Effects, conditions: Conditions
 def readings_deg_s(
     rate_rad_s: Array, interval_s: float, nominal: Robot, conditions: Conditions, random: Random, effects: Effects = ()
 ) -> Array:
-    """Turn mean rates, shape (n,), into a gyro's output: white noise, limits, resolution."""
+    """Convert mean rates, shape (n,), to a gyro's output: add white noise, apply limits and resolution."""
     white = conditions.gyro_noise * white_rad_s(nominal.gyro_angle_random_walk_deg_per_sqrt_h or 0.0, interval_s)
     rate = rate_rad_s + white * scatter(len(rate_rad_s), random, conditions.tails)
-    for effect, values in effects:  # a limit of the output holds for the noise as well
+    for effect, values in effects:  # a limit of the output applies to the noise too
         rate = effect.clipped(rate, values)
     rate_deg_s = rate * DEG_PER_RAD
     if nominal.gyro_range_deg_s is not None:
@@ -73,16 +73,16 @@ def readings_deg_s(
 
 
 def white_rad_s(walk_deg_per_sqrt_h: float, interval_s: float) -> float:
-    """Standard deviation of a mean over the interval, from the angle random walk."""
+    """Standard deviation of the mean rate over an interval, from the angle random walk."""
     return walk_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(interval_s)
 
 
 def encoder_log(
     m: Motion, true: Motion, nominal: Robot, conditions: Conditions, seed: int, begin: tuple[float, float] = (0.0, 0.0)
 ) -> EncoderLog:
-    """Whole counts, rounded down; where the drive reports speed only, means over the time since the row before.
+    """Make rows of whole counts, rounded down; or of mean speeds since the row before, if the drive has no counts.
 
-    `m`: as the counters tell it, `true`: as the wheels turn. `begin`: how far in a count each wheel stands at first.
+    `m`: motion seen by the counters, `true`: true motion of the wheels. `begin`: initial fraction of a count, by wheel.
     """
     at_s = _sampled_s(m, nominal.encoders_rate_hz or ENCODERS_HZ)
     stamps_s = _stamped(at_s, conditions.jitter_s, stream(seed, "encoder stamps"))
@@ -95,7 +95,7 @@ def encoder_log(
         left, right = (np.diff(t, prepend=t[0]) / (at_s[1] - at_s[0]) / nominal.wheel_radius_m for t in travel.values())
         return EncoderLog(stamps_s, None, None, np.round(left, DECIMALS), np.round(right, DECIMALS))
     count_m = 2.0 * math.pi * nominal.wheel_radius_m / per_revolution
-    # A wheel that came back to a whole count is on it; rounding errors of sums are far below 1e-6 of a count.
+    # A wheel that returns to a whole count must read it; rounding errors of sums are far below 1e-6 of a count.
     left, right = (np.floor(t / count_m + part + 1e-6) for t, part in zip(travel.values(), begin, strict=True))
     return EncoderLog(stamps_s, left, right, None, None)
 
@@ -110,7 +110,7 @@ def _travel_m(
     conditions: Conditions,
     seed: int,
 ) -> Array:
-    """Travel that one counter has counted, with slip noise and bumps along the wheel's true distance."""
+    """Travel measured by one counter, with slip noise and bumps along the wheel's true distance."""
     distance, steps = np.diff(_integral(m, np.abs(true_m_s), at_s)), np.diff(_integral(m, read_m_s, at_s))
     slip = conditions.wheel_noise * (nominal.slip_noise_m_per_sqrt_m or 0.0)
     noise = slip * np.sqrt(distance) * scatter(len(distance), stream(seed, f"{side} slip"), conditions.tails)
@@ -120,12 +120,12 @@ def _travel_m(
         hits = random.poisson(ground.bump_per_m * distance)
         added_m = ground.bump_m * random.standard_gamma(np.maximum(hits, 1)) * (hits > 0)
         noise = noise + added_m * np.sign(np.diff(_integral(m, true_m_s, at_s)))
-    noise[steps == 0.0] = 0.0  # a counter that stands still has no noise
+    noise[steps == 0.0] = 0.0  # a counter at rest has no noise
     return np.concatenate(([0.0], np.cumsum(steps + noise)))
 
 
 def reference_log(true: ReferenceLog, nominal: Robot, conditions: Conditions, seed: int) -> ReferenceLog | None:
-    """The true poses, from 0 to the end, as the reference sees them; None where it is not there."""
+    """The reference's measurements of the true poses, from 0 to the end; None without a reference."""
     reference = conditions.reference
     if not reference.is_there:
         return None
@@ -158,14 +158,14 @@ def _sampled_s(m: Motion, rate_hz: float) -> Array:
 
 
 def _integral(m: Motion, values: Array, at_s: Array) -> Array:
-    """Integrate means over the motion's steps, whose middles are its times, from 0 to each time."""
+    """Integrate means over the motion's steps, whose times are their middles, from 0 to each given time."""
     step_s = 2.0 * float(m.time_s[0])
     sums = np.concatenate(([0.0], np.cumsum(values))) * step_s
     return np.asarray(np.interp(at_s, step_s * np.arange(len(sums)), sums))
 
 
 def _stamped(at_s: Array, jitter_s: float, random: Random) -> Array:
-    """Stamps that scatter about the samples' times, and still rise."""
+    """Make stamps that scatter about the samples' times, but still increase."""
     if jitter_s:
         limit_s = 0.4 * float(at_s[1] - at_s[0])
         at_s = at_s + np.clip(jitter_s * random.standard_normal(len(at_s)), -limit_s, limit_s)

@@ -1,4 +1,4 @@
-"""What a robot's sensors say about a true motion: noise as in their data sheets, effects of the catalogue on top."""
+"""Simulation of a robot's sensors for a true motion, with data-sheet noise and effects of the catalogue."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,9 +19,9 @@ from drd_tools.simulate.truth import Truth
 
 @dataclass(frozen=True)
 class Simulated:
-    """A recording as if read from a folder, and what is true: `truth` slides as the effects and the ground make it.
+    """A recording as if read from a folder, and its truth; `truth` includes the slide due to effects and ground.
 
-    `motion`: what the sensors would say without noise, at 500 Hz, shape (n,). `bias_rad_s`: the gyro's at the start.
+    `motion`: noise-free readings of the sensors, at 500 Hz, shape (n,). `bias_rad_s`: the gyro's at the start.
     """
 
     recording: Recording
@@ -43,8 +43,8 @@ def simulate(
 ) -> Simulated:
     """Drive `truth` with the robot that `nominal` describes and with `effects` (values in SI).
 
-    The same arguments give the same bits. Each source of noise has its own random numbers, so that with other effects
-    the noise is the same. No gyro where robot.yaml has no `fog`.
+    The same arguments give the same bits. Each source of noise has its own random numbers, so that the noise does not
+    depend on the effects. There is no gyro if robot.yaml has no `fog`.
     """
     conditions = conditions or Conditions()
     has_gyro = nominal.has_gyro_sheet
@@ -53,7 +53,7 @@ def simulate(
     of_body = [pair for pair in effects if pair[0].acts_on is ActsOn.BODY]
     motion, lateral = add(motion, of_body)
     if has_gyro:
-        # The bias is the sensor's: a body does not slide with it, a dead band swallows it.
+        # The bias is the sensor's: it does not make the body slide, but a dead band absorbs it.
         bias = bias_rad_s(motion.time_s, nominal, conditions.gyro_noise, seed)
         motion = replace(motion, rate_rad_s=motion.rate_rad_s + bias)
     motion, _ = add(motion, [pair for pair in effects if pair not in of_body])
@@ -71,7 +71,7 @@ def simulate(
 
 
 def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Motion, Array]:
-    """Motion that perfect sensors of the nominal robot tell on this ground, and the body's sideways speed."""
+    """Motion as measured by perfect sensors of the nominal robot on this ground, and the body's sideways speed."""
     v, w, half_m = truth.speed_m_s, truth.rate_rad_s, 0.5 * nominal.tread_m
     left_m = right_m = np.full_like(v, half_m)
     slide = np.zeros_like(v)
@@ -95,7 +95,7 @@ def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Mo
 def motion_along(
     truth: Truth, radius_m: float, tread_m: float, left_m_s: Array, right_m_s: Array, standstill_s: float = 0.0
 ) -> Motion:
-    """The true motion as effects see it, with the speeds of both wheels."""
+    """Make the motion that effects act on, from the truth and the speeds of both wheels."""
     standing = truth.middle_s <= max(standstill_s, STEP_S)
     return Motion(
         time_s=truth.middle_s,

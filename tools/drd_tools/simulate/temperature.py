@@ -17,12 +17,12 @@ DOOR_LAG_S: Final = 120.0
 
 
 def warming_c(time_s: Array, cold_c: float, by_c: float, constant_s: float = WARM_UP_S) -> Array:
-    """A gyro that warms itself up, at times since it was switched on."""
+    """Temperature of a gyro during warm-up, at times since it was switched on."""
     return np.asarray(cold_c + by_c * (1.0 - np.exp(-time_s / constant_s)))
 
 
 class Profile(NamedTuple):
-    """`curve(time_s, duration_s, a, b)` gives degC; `a` and `b` are its defaults."""
+    """A profile: `curve(time_s, duration_s, a, b)` gives degC; `a_c` and `b_c` are the defaults of a and b."""
 
     text: str
     a_c: float
@@ -31,7 +31,7 @@ class Profile(NamedTuple):
 
 
 def _doors(time_s: Array, _: float, a: float, b: float) -> Array:
-    # Behind each door the other temperature is approached; the sum of all approaches so far.
+    # After each door the temperature approaches the other one; responses to all doors so far add up.
     change = np.zeros_like(time_s)
     for number in range(1, math.ceil(float(time_s[-1]) / DOOR_S)):
         since_s = np.maximum(time_s - number * DOOR_S, 0.0)
@@ -57,8 +57,8 @@ PROFILES: Final = {
 def temperature_c(profile: str, time_s: Array, duration_s: float) -> Array:
     """Temperature at times since the start, shape (n,), n >= 1.
 
-    `profile`: a name of PROFILES, also as NAME:A or NAME:A:B; or a CSV file with time_s,temperature_c, whose ends are
-    held. Raises ConfigError.
+    `profile`: a name of PROFILES, also as NAME:A or NAME:A:B; or a CSV file with time_s,temperature_c, held constant
+    beyond its ends. Raises ConfigError.
     """
     if profile.endswith(".csv"):
         at_s, value_c = read_table(Path(profile), (("time_s", "temperature_c"),)).values.T

@@ -13,7 +13,7 @@ from drd_tools.simulate.temperature import temperature_c
 
 
 class Place(NamedTuple):
-    """Pose of the robot, heading not wrapped, and its way: forward less backward."""
+    """Pose of the robot, heading not wrapped, and its travel: forward minus backward."""
 
     x_m: float
     y_m: float
@@ -23,10 +23,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Truth:
-    """n steps of STEP_S: means over each step, shape (n,), and the state before, between and after, shape (n + 1,).
+    """True motion in n steps of STEP_S: means over each step, shape (n,), and states at their ends, shape (n + 1,).
 
-    Forward and sideways (left positive) speed and yaw rate are the body's; the temperature is the gyro's, in the
-    steps' middle.
+    Forward and sideways (left positive) speed and yaw rate are the body's; the temperature is the gyro's, at the
+    middle of each step.
     """
 
     speed_m_s: Array
@@ -45,7 +45,7 @@ class Truth:
 
     @property
     def middle_s(self) -> Array:
-        """Middles of the steps in time."""
+        """Times of the steps' middles."""
         return np.asarray(STEP_S * (np.arange(len(self.speed_m_s)) + 0.5))
 
     @property
@@ -60,7 +60,7 @@ class Truth:
 
     @cached_property
     def distance_m(self) -> Array:
-        """Way at the states: forward less backward, from 0."""
+        """Travel at the states: forward minus backward, from 0."""
         return np.concatenate(([0.0], np.cumsum(self.speed_m_s) * STEP_S))
 
     @cached_property
@@ -68,20 +68,20 @@ class Truth:
         return np.column_stack((self.x_m, self.y_m, self.heading_rad, self.distance_m))
 
     def at(self, t_s: float) -> Place:
-        """Place `t_s` after the start. Before it and after the end the robot stands there."""
+        """Interpolate the place `t_s` after the start; before it and after the end the robot stands still."""
         position = min(max(t_s / STEP_S, 0.0), float(len(self.speed_m_s)))
         index = min(int(position), len(self.speed_m_s) - 1)
         before, after = self._places[index], self._places[index + 1]
         return Place(*(before + (position - index) * (after - before)).tolist())
 
     def sliding(self, lateral_m_s: Array) -> "Truth":
-        """The same drive while the body slides sideways, shape (n,)."""
+        """The same drive with the body sliding sideways, shape (n,)."""
         x, y = _path(self.speed_m_s, lateral_m_s, self.heading_rad, (float(self.x_m[0]), float(self.y_m[0])))
         return replace(self, lateral_m_s=lateral_m_s, x_m=x, y_m=y)
 
 
 def make_truth(drive: Drive, temperature: str = "warmup") -> Truth:
-    """A drive with a temperature profile (see `temperature.temperature_c`). Raises ConfigError."""
+    """Combine a drive with a temperature profile (see `temperature.temperature_c`). Raises ConfigError."""
     forward, turned = drive.steps
     x, y, heading = drive.start
     n = len(forward)
