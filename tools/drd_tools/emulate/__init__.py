@@ -1,1 +1,1 @@
-"""Emulated hardware: a gyro and wheel encoders that drive a known path, with faults to switch on."""
+"""Emulated hardware: a gyro and wheel encoders on a known path, with switchable faults."""

@@ -1,4 +1,4 @@
-"""What every CANopen device does beside its PDOs (CiA 301): NMT states, boot-up, heartbeat, and object 1017h by SDO."""
+"""Common functions of CANopen devices except PDOs (CiA 301): NMT states, boot-up, heartbeat, object 1017h by SDO."""
 
 from enum import IntEnum
 from struct import pack, unpack_from
@@ -30,7 +30,7 @@ NO_SUCH_SUBINDEX: Final = 0x0609_0011
 
 
 class NmtState(IntEnum):
-    """NMT states, as the heartbeat tells them."""
+    """NMT states, as encoded in the heartbeat."""
 
     BOOT_UP = 0
     STOPPED = 4
@@ -44,7 +44,7 @@ NMT_COMMANDS: Final = {1: NmtState.OPERATIONAL, 2: NmtState.STOPPED, 128: NmtSta
 class CanopenNode:
     """One device. `state`: its PDOs are sent only while it is operational.
 
-    `autostart`: becomes operational by itself, as devices do whose object 1F80h says so; otherwise it waits for NMT.
+    `autostart`: becomes operational without NMT, as devices do if object 1F80h says so; otherwise it waits for NMT.
     `heartbeat_s`: producer heartbeat time at power-on, 0 for none, until a master writes object 1017h.
     """
 
@@ -56,7 +56,7 @@ class CanopenNode:
         self._next_s = 0.0
 
     def take(self, frame: can.Message) -> list[can.Message]:
-        """Obey an NMT command, or answer an SDO request; the frames to send. A node that boots hears nothing."""
+        """Obey an NMT command, or answer an SDO request; return frames to send. A booting node ignores all frames."""
         data = bytes(frame.data)
         if frame.is_extended_id or self.state == NmtState.BOOT_UP:
             return []
@@ -74,7 +74,7 @@ class CanopenNode:
         return []
 
     def due(self, now_s: float) -> list[can.Message]:
-        """The boot-up message after power-on and resets, then the heartbeats until `now_s`, which must not fall."""
+        """The boot-up message after power-on and resets, then heartbeats until `now_s`, which must not decrease."""
         frames = []
         if self.state == NmtState.BOOT_UP:
             frames.append(self._message(HEARTBEAT_ID, bytes((NmtState.BOOT_UP,))))

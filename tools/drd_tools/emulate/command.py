@@ -1,4 +1,4 @@
-"""`drd emulate`: the hardware of a configured robot, without the robot."""
+"""`drd emulate`: emulate the hardware of a configured robot."""
 
 import argparse
 import csv
@@ -29,14 +29,14 @@ examples:
 
 Exit code: 0 done, 1 a device failed during the run, 2 bad usage, or the devices or FILE.csv cannot be created.
 """
-# How far the path goes where no --seconds ends it.
+# Length of the path without --seconds.
 DEMO_S = 600.0
 
 
 def main(argv: list[str]) -> int:
-    """Run the command. Returns the exit code: 0, or 1 where the emulator failed. Raises ConfigError."""
+    """Run the command. Returns the exit code: 0, or 1 if the emulator failed. Raises ConfigError."""
     arguments = _parser().parse_args(argv)
-    if arguments.truth is not None:  # not found out at the end of a long drive
+    if arguments.truth is not None:  # checked before a long drive
         with writing(arguments.truth, "a file to write to"), arguments.truth.open("a"):
             pass
     emulator = Emulator(
@@ -113,7 +113,7 @@ def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -
 
 @contextmanager
 def _until_signal() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set; the handlers that were there come back."""
+    """Provide an event that Ctrl-C and SIGTERM set; restore the previous handlers at the end."""
     stopped = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, lambda *_: stopped.set()) for number in numbers]

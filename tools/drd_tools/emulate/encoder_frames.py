@@ -1,6 +1,6 @@
-"""Wheel travel into the CAN frames that real encoders would send: the reverse of drd.encoders.
+"""Encoding of wheel travel in CAN frames as sent by real encoders: the inverse of drd.encoders.
 
-The byte layouts are written here a second time, from the same sources, so that a mistake in one of the two shows.
+The byte layouts are implemented independently, from the same sources, to reveal a mistake in either.
 """
 
 from math import floor, pi
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class _Wheel(NamedTuple):
-    """One wheel as its device sees it: the sign of its mounting and the scale of its tyre are applied."""
+    """One wheel as seen by its encoder, with the sign of its mounting and the scale of its tyre applied."""
 
     node: int
     travel_m: float
@@ -29,9 +29,9 @@ class _Wheel(NamedTuple):
 
 
 class WheelFrameEncoder:
-    """Frames of one layout, from a robot that is as `robot` says; to emulate another truth, pass another robot.
+    """Encoder of frames of one layout, for a robot exactly as in `robot`; to emulate another truth, pass another.
 
-    Raises ConfigError where the layout is dbc and its file cannot be used.
+    Raises ConfigError if the layout is dbc and its file cannot be used.
     """
 
     def __init__(self, encoders: Encoders, robot: Robot, base: Path):
@@ -47,7 +47,7 @@ class WheelFrameEncoder:
         self._frames = kinds.get(encoders.layout, self._any_dbc)
 
     def encode(self, left_m: float, right_m: float, left_m_s: float = 0.0, right_m_s: float = 0.0) -> list[can.Message]:
-        """Frames that report this travel since power-on, forward positive, and these speeds; left first."""
+        """Make frames with the given travel since power-on, forward positive, and speeds; left first."""
         left, right = self._encoders.left, self._encoders.right
         wheels = []
         for wheel, scale, travel, speed in zip(

@@ -1,4 +1,4 @@
-"""Where the daemon connects: pseudo-terminals behind stable names, an SLCAN adapter on one of them, CAN buses."""
+"""Endpoints to which the daemon connects: pseudo-terminals with stable names, an SLCAN adapter on one, CAN buses."""
 
 import os
 import tempfile
@@ -12,7 +12,7 @@ from drd.config.keys import Encoders
 from drd.config.schema import ConfigError
 
 READ_BYTES: Final = 4096
-# Longer than any SLCAN line (T + 8 + 1 + 16 digits); what is longer is no command.
+# Longer than any SLCAN line (T + 8 + 1 + 16 digits); longer ones are no commands.
 LINE_BYTES: Final = 64
 RECEIVED_FRAMES: Final = 1000
 
@@ -20,8 +20,8 @@ RECEIVED_FRAMES: Final = 1000
 class PtyLink:
     """A raw pseudo-terminal whose other side is linked at `path`, like the serial port of a device.
 
-    Holds one descriptor of the other side, so that a daemon may come and go; closing hangs it up, like unplugging.
-    Raises ConfigError, which names `key`, where `path` is taken or cannot be made.
+    It keeps the other side open, so that a daemon may come and go; closing hangs up, like unplugging.
+    Raises ConfigError, which names `key`, if `path` is taken or cannot be made.
     """
 
     def __init__(self, path: str, key: str):
@@ -59,11 +59,11 @@ class PtyLink:
 
     @property
     def device(self) -> str:
-        """The pseudo-terminal that the link leads to."""
+        """Name of the pseudo-terminal to which the link points."""
         return "unplugged" if self._slave is None else os.ttyname(self._slave)
 
     def write(self, data: bytes) -> bool:
-        """Send; False where some of it was lost, because nobody reads or it is unplugged. Never waits."""
+        """Send without waiting; return False if data was lost because nobody reads or it is unplugged."""
         if self._master is None:
             return False
         try:
@@ -81,7 +81,7 @@ class PtyLink:
             return b""
 
     def _claim(self) -> None:
-        """Make sure that the link may be made: nothing is there, or a link that an emulator left behind."""
+        """Check that the link can be made: the path is free, or a stale link of an emulator, which is removed."""
         expected = "a path where nothing is yet"
         if self.path.is_symlink():
             target = self.path.readlink()
@@ -126,7 +126,7 @@ class SlcanAdapter:
         return f"{self._pty.path} -> {self._pty.device}"
 
     def send(self, message: can.Message) -> bool:
-        """Send a frame to the host; False where it was lost or the channel is closed."""
+        """Send a frame to the host; return False if it was lost or the channel is closed."""
         if not self.is_open:
             return False
         kind, digits = ("T", 8) if message.is_extended_id else ("t", 3)
@@ -134,7 +134,7 @@ class SlcanAdapter:
         return self._pty.write(line.encode())
 
     def received(self) -> list[can.Message]:
-        """Answer the host's commands; the frames that it sent."""
+        """Answer the host's commands; return the frames that it sent."""
         frames = []
         for byte in self._pty.read():
             if byte != ord("\r"):
@@ -166,13 +166,13 @@ class SlcanAdapter:
 
 
 class BusEndpoint:
-    """A place on a bus that python-can reaches: socketcan, virtual (within this process) and others."""
+    """A node on a bus supported by python-can: socketcan, virtual (within this process) and others."""
 
     def __init__(self, encoders: Encoders, allow_real_bus: bool):
         self._encoders = encoders
         self._bus: can.BusABC | None = None
         if not allow_real_bus and encoders.interface != "virtual":
-            # The kernel's virtual interfaces are no devices of a bus of its own; frames on a real one move robots.
+            # The kernel lists virtual interfaces apart from devices; frames on a real bus may move a robot.
             interface = Path("/sys/class/net", encoders.channel)
             if encoders.interface != "socketcan" or (interface.exists() and "virtual" not in interface.resolve().parts):
                 got = f"{encoders.interface} {encoders.channel}, a real bus"
@@ -184,7 +184,7 @@ class BusEndpoint:
         return f"{self._encoders.interface} {self._encoders.channel}"
 
     def open(self) -> None:
-        """Join the bus, unless that is done."""
+        """Join the bus, unless already joined."""
         if self._bus is not None:
             return
         e = self._encoders
@@ -214,7 +214,7 @@ class BusEndpoint:
         return True
 
     def received(self) -> list[can.Message]:
-        """Frames of others, data frames only."""
+        """Data frames received from others."""
         frames: list[can.Message] = []
         try:
             while self._bus is not None and len(frames) < RECEIVED_FRAMES:
@@ -224,12 +224,12 @@ class BusEndpoint:
                 if not (message.is_error_frame or message.is_remote_frame):
                     frames.append(message)
         except can.CanError:
-            pass  # the interface is down; sending counts what is lost
+            pass  # the interface is down; losses are counted when sending
         return frames
 
 
 def can_endpoint(encoders: Encoders, allow_real_bus: bool = False) -> SlcanAdapter | BusEndpoint:
-    """The place where the configured daemon listens. Raises ConfigError."""
+    """Make the endpoint to which the configured daemon listens. Raises ConfigError."""
     if encoders.interface == "slcan":
         return SlcanAdapter(encoders)
     return BusEndpoint(encoders, allow_real_bus)

@@ -1,4 +1,4 @@
-"""An effect of the catalogue on an emulated robot, from some time on."""
+"""An effect of the catalogue that starts at some time on an emulated robot."""
 
 from typing import Self
 
@@ -10,10 +10,10 @@ from drd.effects.motion import Motion
 
 
 class Fault:
-    """What an effect has added to both wheels' ways, m, and to the gyro's angle, rad, by a time since the start."""
+    """Accumulated errors of an effect over time: in both wheels' travel, m, and in the gyro's angle, rad."""
 
     def __init__(self, time_s: Array, added: Array):
-        """`time_s` (n,); `added` (3, n): left, right, gyro by these times."""
+        """Set the errors: `time_s` (n,); `added` (3, n): left, right, gyro at these times."""
         self._time_s, self._added = time_s, added
 
     @classmethod
@@ -24,5 +24,5 @@ class Fault:
         return cls(motion.time_s, np.stack([np.cumsum((np.zeros_like(step_s) + r) * step_s) for r in rates]))
 
     def by(self, t_s: float) -> Array:
-        """What was added by a time, shape (3,): left, right, gyro."""
+        """Accumulated errors at a time, shape (3,): left, right, gyro."""
         return np.array([np.interp(t_s, self._time_s, row) for row in self._added])

@@ -1,7 +1,7 @@
-"""A FOG's side of the line: yaw rates into the packets that the configured gyro would send.
+"""Encoding of yaw rates in the packets that the configured gyro would send.
 
 `encode` makes the packet after `interval_s` at the mean `rate_rad_s` (counter-clockwise positive at the robot). All
-numbers must be finite; they are rounded to the packet's resolution, as the sensor does, and clipped at its range.
+numbers must be finite; they are rounded to the packet's resolution and clipped to its range, as in the sensor.
 """
 
 import struct
@@ -13,7 +13,7 @@ from drd.units import DEG_PER_RAD
 
 
 class EcoreEncoder:
-    """E-Core: 8 bytes of 7 bits. An invalid reading can be told only if the profile has status bits."""
+    """E-Core: 8 bytes of 7 bits. Invalid readings can be marked only if the profile has status bits."""
 
     def __init__(self, fog: Fog):
         self._counts_per_rad_s = _sign(fog) * DEG_PER_RAD * COUNTS_PER_FULL_SCALE / fog.full_scale_deg_s
@@ -26,7 +26,7 @@ class EcoreEncoder:
         temperature_c: float,
         valid: bool = True,
     ) -> bytes:
-        """One frame."""
+        """Encode one frame."""
         profile, m = self._profile, bytearray(PAYLOAD_BYTES)
         m[5:7] = _int16(rate_rad_s * self._counts_per_rad_s)
         if first := profile.temperature_byte:
@@ -57,7 +57,7 @@ class Dsp3000Encoder:
         temperature_c: float,  # noqa: ARG002  # the interface's; this gyro sends none
         valid: bool = True,
     ) -> bytes:
-        """One line."""
+        """Encode one line."""
         value_deg = rate_rad_s * self._deg_per_rad
         if self._mode != "rate":
             value_deg *= interval_s
@@ -79,7 +79,7 @@ class Dsp17xxEncoder:
         self._sequence = 0
 
     def encode(self, rate_rad_s: float, interval_s: float, temperature_c: float, valid: bool = True) -> bytes:
-        """One packet."""
+        """Encode one packet."""
         values = [0.0] * 6
         values[self._axis] = rate_rad_s * self._unit_per_rad * (interval_s if self._is_angle else 1.0)
         status = self.ALL_VALID if valid else self.ALL_VALID & ~(1 << self._axis)
@@ -93,7 +93,7 @@ FogEncoder = EcoreEncoder | Dsp3000Encoder | Dsp17xxEncoder
 
 
 def make_encoder(fog: Fog) -> FogEncoder:
-    """The counterpart of the configured parser. Raises ValueError for protocol none."""
+    """Make the counterpart of the configured parser. Raises ValueError for protocol none."""
     encoders: dict[str, type[FogEncoder]] = {
         "ecore": EcoreEncoder,
         "dsp3000": Dsp3000Encoder,
@@ -110,5 +110,5 @@ def _sign(fog: Fog) -> float:
 
 
 def _int16(value: float) -> bytes:
-    """Big-endian, rounded and clipped."""
+    """Encode as big-endian, rounded and clipped."""
     return struct.pack(">h", max(-32768, min(32767, round(value))))

@@ -1,4 +1,4 @@
-"""A robot's gyro and wheel encoders as hardware: bytes and frames in real time, where the daemon expects them."""
+"""Real-time emulation of a robot's gyro and wheel encoders, as bytes and frames where the daemon expects them."""
 
 import threading
 import time
@@ -28,7 +28,7 @@ TRUTH_ROWS: Final = 1_000_000
 
 
 class Truth(NamedTuple):
-    """True pose when the counters were sampled, and what they then had counted (faults left out)."""
+    """True pose when the counters were sampled, and their travel then (without faults)."""
 
     t_ns: int  # CLOCK_MONOTONIC
     x_m: float
@@ -40,7 +40,7 @@ class Truth(NamedTuple):
 
 @dataclass
 class _Schedule:
-    """Samples at equal distances from the start; each is sent `latency_s` later."""
+    """Schedule of evenly spaced samples, each sent `latency_s` later."""
 
     period_s: float
     latency_s: float
@@ -56,10 +56,10 @@ class _Schedule:
 
 
 class Emulator:
-    """Drives a path and says about it, from a thread of its own, what the configured sensors would say.
+    """Emulator of the configured sensors along a path, in its own thread.
 
     The gyro's port and an slcan adapter's are pseudo-terminals, linked at the configured paths; other CAN interfaces
-    are joined. Time zero is `start()`. Use it as a context manager, or call `stop()`. Raises ConfigError where a path
+    are joined. Time zero is `start()`. Use it as a context manager, or call `stop()`. Raises ConfigError if a path
     is taken or a bus cannot be used; a bus that may be a real robot's needs `allow_real_bus`.
 
     `base`: the folder that the configuration's own paths are relative to. `seed` repeats all sensor noise. `fault`: an
@@ -76,7 +76,7 @@ class Emulator:
     fog_corrupt_every: int = 0  # each n-th packet has one wrong bit; 0: none
     fog_offset_deg_s: float = 0.0  # added to the rate (ccw positive): a jump of the bias
     wheels_silent: bool = False
-    left_silent: bool = False  # no effect where one frame holds both sides
+    left_silent: bool = False  # no effect if one frame holds both sides
     right_silent: bool = False
     wheels_drop_every: int = 0  # each n-th pair is missing; 0: none
     swap_frames: bool = False  # right before left
@@ -123,14 +123,14 @@ class Emulator:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Plug in and drive off. Raises ConfigError, with nothing left behind."""
+        """Plug in and start driving. Raises ConfigError, leaving nothing behind."""
         self.plug_in()
         self.start_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="drd emulator", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop and unplug; the links are gone then. May be called twice."""
+        """Stop and unplug, removing the links. May be called twice."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -145,7 +145,7 @@ class Emulator:
 
     @property
     def is_running(self) -> bool:
-        """Whether its thread is at work."""
+        """Whether its thread is running."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
@@ -155,7 +155,7 @@ class Emulator:
         return {"FOG": fog, "CAN": self._bus.place}
 
     def plug_in(self) -> None:
-        """Plug in only, for whoever drives with `step()`. Raises ConfigError, with nothing left behind."""
+        """Only plug in, for use with `step()`. Raises ConfigError, leaving nothing behind."""
         try:
             self.replug_fog()
             self.replug_can()
@@ -164,7 +164,7 @@ class Emulator:
             raise
 
     def step(self, now_s: float) -> float:
-        """Send all that is due until `now_s` after the start; returns when the next is. The thread calls it."""
+        """Send everything due until `now_s` after the start; return the next due time. Called by the thread."""
         with self._lock:
             frames = self._bus.received()
             self.counters["can_received"] += len(frames)
@@ -222,7 +222,7 @@ class Emulator:
         rate_rad_s = self._sensors.rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
         rate_rad_s += self.fog_offset_deg_s * RAD_PER_DEG
         temperature_c = self._sensors.temperature_c(now.sampled_s)
-        # A silent gyro goes on measuring: an integrated angle or sequence number shows it afterwards.
+        # A silent gyro goes on measuring, which an integrated angle or sequence number shows afterwards.
         packet = encoder.encode(rate_rad_s, now.period_s, temperature_c, valid=not self.fog_invalid)
         if self.fog_silent or _is_nth(now.number, self.fog_drop_every):
             return

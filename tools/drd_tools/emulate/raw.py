@@ -1,4 +1,4 @@
-"""A simulated recording as the bytes and frames that the hardware would have sent: as an MCAP file, or live."""
+"""Conversion of a simulated recording to the hardware's bytes and frames: to an MCAP file, or live."""
 
 import math
 import time
@@ -26,17 +26,17 @@ from drd_tools.emulate.encoder_frames import WheelFrameEncoder
 from drd_tools.emulate.endpoints import PtyLink, can_endpoint
 from drd_tools.recordings.folder import Recording
 
-# A run starts at these, so that a file repeats to the bit: CLOCK_MONOTONIC, and 2026-01-01 on the wall clock.
+# Start of a run, fixed so that files are bit-identical: CLOCK_MONOTONIC, and 2026-01-01 on the wall clock.
 START_NS: Final = 1000 * NS_PER_S
 START_WALL_NS: Final = 1_767_225_600 * NS_PER_S
 FLUSH_MESSAGES: Final = 2000
 POLL_S: Final = 0.01
-# What waits in a terminal goes when it is unplugged: a reader gets this long.
+# Unplugging a terminal discards pending data: a reader gets this long.
 LINGER_S: Final = 0.3
 
 
 class Arrival(NamedTuple):
-    """What comes over a line `time_s` after the start: bytes of the gyro, or frames of the encoders."""
+    """Data that arrive `time_s` after the start: bytes of the gyro, or frames of the encoders."""
 
     time_s: float
     fog: bytes
@@ -44,13 +44,13 @@ class Arrival(NamedTuple):
 
 
 def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
-    """Arrivals of a whole recording, in order; each sample as late as the configuration says. Raises ConfigError."""
+    """Arrivals of a whole recording, in order, with the latencies of the configuration. Raises ConfigError."""
     log, per_revolution = recording.encoders, recording.nominal.counts_per_revolution
     if log.left_counts is None or log.right_counts is None or per_revolution is None:
         path = "wheel.counts_per_revolution"
         raise ConfigError(recording.name, path, "a number: frames are made of counts", "null")
     count_m = 2.0 * math.pi * recording.nominal.wheel_radius_m / per_revolution
-    # In a count's middle, so that an encoder that rounds down finds it.
+    # In a count's middle, so that an encoder that rounds down gives the same count.
     left, right = (count_m * (counts + 0.5) for counts in (log.left_counts, log.right_counts))
     step_s = np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1])
     speeds = (np.diff(travel, prepend=travel[0]) / step_s for travel in (left, right))
@@ -69,7 +69,7 @@ def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
 
 
 class _Writer(HandedOver):
-    """The recorder of a run that takes no time: what the pipeline is handed goes straight into the file."""
+    """Recorder of a run faster than real time, which writes the pipeline's inputs directly to the file."""
 
     def __init__(self, file: RecordingFile, config: Config):
         self._file, self._encoder = file, Encoder(config.output, config.recording.viewers)
@@ -88,9 +88,9 @@ def _wall_ns(monotonic_ns: int) -> int:
 
 
 def write_mcap(file: Path, recording: Recording, config: Loaded[Config], base: Path) -> int:
-    """Write what the daemon would have recorded, its poses too; their number. Raises ConfigError.
+    """Write what the daemon would have recorded, with its poses; return their number. Raises ConfigError.
 
-    `base`: the folder that relative paths of the configuration start from.
+    `base`: the folder to which paths in the configuration are relative.
     """
     sent = arrivals(recording, config.value, base)
     information = {
@@ -139,9 +139,9 @@ def _monotonic_ns(time_s: float) -> int:
 
 
 def drive_live(recording: Recording, config: Config, base: Path, *, allow_real_bus: bool = False) -> Iterator[str]:
-    """Be the hardware that the recording is of, in real time, where the daemon of this configuration looks for it.
+    """Emulate the recording's hardware in real time, at the devices of the daemon's configuration.
 
-    Yields sentences: where the devices are, and at the end what was sent. Raises ConfigError.
+    Yields sentences on the devices, and at the end on what was sent. Raises ConfigError.
     """
     sent = arrivals(recording, config, base)
     fog = PtyLink(config.fog.port, "fog.port") if config.fog.protocol != "none" else None

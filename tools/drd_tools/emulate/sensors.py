@@ -1,4 +1,4 @@
-"""What a gyro and two wheel counters say, sample by sample, of a drive without end: for demonstrations and tests."""
+"""Readings of a gyro and two wheel counters, sample by sample, without a time limit: for demonstrations and tests."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,7 +17,7 @@ class TruePath(Protocol):
     """A true motion."""
 
     def at(self, t_s: float) -> Place:
-        """`t_s` after the start."""
+        """Place `t_s` after the start."""
         ...
 
 
@@ -46,9 +46,9 @@ class SensorErrors:
 
 
 class Sensors:
-    """Sensors of a robot whose radius and tread are believed to be the configuration's. `seed` repeats the noise.
+    """Sensors of a robot whose nominal radius and tread are the configuration's. `seed` repeats the noise.
 
-    `fault`: what an effect adds.
+    `fault`: errors of an effect.
     """
 
     def __init__(self, path: TruePath, robot: Robot, errors: SensorErrors, seed: int, fault: Fault | None = None):
@@ -72,7 +72,7 @@ class Sensors:
         return float(warming_c(np.array(max(t_s, 0.0)), e.temperature_c, e.warm_up_c, e.warm_up_s))
 
     def travel_m(self, t_s: float, left_slip: float = 0.0, right_slip: float = 0.0) -> tuple[float, float]:
-        """Travel that the two counters have counted since the start, forward positive. Call with rising times.
+        """Travel measured by the two counters since the start, forward positive. Call with increasing times.
 
         `left_slip`, `right_slip`: share of extra counts since the previous call (0.1: 10 % too much; -1: none at all).
         """
@@ -81,7 +81,7 @@ class Sensors:
         before_m, self._travel_m = self._travel_m, np.array((place.distance_m - side_m, place.distance_m + side_m))
         steps_m = self._travel_m - before_m
         noise_m = e.slip_m_per_sqrt_m * np.sqrt(np.abs(steps_m)) * self._slip.standard_normal(2)
-        # A wheel that is larger than believed turns less on the same way.
+        # A wheel larger than nominal turns less over the same distance.
         turned_m = steps_m / (1.0 + np.array((e.left_radius_error, e.right_radius_error))) + noise_m
         self._counted_m = self._counted_m + (1.0 + np.array((left_slip, right_slip))) * turned_m
         added_m = 0.0 if self._fault is None else self._fault.by(t_s)[:2]

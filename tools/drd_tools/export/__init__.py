@@ -1,1 +1,1 @@
-"""A recording's poses in the forms of others: ROS 2 bag, CSV, TUM trajectory, Parquet."""
+"""Export of a recording's poses to other formats: ROS 2 bag, CSV, TUM trajectory, Parquet."""

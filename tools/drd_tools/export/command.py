@@ -1,4 +1,4 @@
-"""`drd export`: a recording's poses in the forms of others."""
+"""`drd export`: export a recording's poses to other formats."""
 
 import argparse
 import importlib.util
@@ -32,7 +32,7 @@ Exit code: 0 done, 1 the recording gives no pose, 2 bad usage or input.
 
 
 def main(argv: list[str]) -> int:
-    """Read once, write each form that is wanted. Raises ConfigError on bad input."""
+    """Read once, and write each requested format. Raises ConfigError on bad input."""
     parser = _parser()
     chosen = parser.parse_args(argv)
     forms: dict[str, Path] = {name: getattr(chosen, name) for name in ("ros2", "csv", "tum", "parquet")}
@@ -55,8 +55,8 @@ def main(argv: list[str]) -> int:
 
 
 def _write(name: str, file: Path, exported: Exported) -> str:
-    """Write one form; what there is to say of it."""
-    from drd_tools.export import tables  # noqa: PLC0415  # what is not written is not loaded
+    """Write one format; return a text about it."""
+    from drd_tools.export import tables  # noqa: PLC0415  # only loaded if written
 
     if name == "ros2":
         from drd_tools.export.ros2 import write_bag  # noqa: PLC0415
@@ -68,7 +68,7 @@ def _write(name: str, file: Path, exported: Exported) -> str:
 
 
 def _check(name: str, file: Path, recording: Path) -> None:
-    """Check an output before the work is done, and before a recording is written over. Raises ConfigError."""
+    """Check an output before the work starts, so that no recording is overwritten. Raises ConfigError."""
     option = f"--{name}"
     if not file.parent.is_dir():
         raise ConfigError(option, "", "a file in a folder that exists", repr(str(file)))

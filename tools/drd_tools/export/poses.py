@@ -1,4 +1,4 @@
-"""What is exported: a recording's poses as they were published, or as a replay gives them."""
+"""Poses to export: those that were published in a recording, or those of a replay."""
 
 from collections.abc import Sequence
 from itertools import chain, pairwise
@@ -22,7 +22,7 @@ from drd_tools.replay.mcap_source import recorded_pose, replay_mcap
 from drd_tools.replay.result import Replayed
 
 HEALTH: Final = "/health"
-AHEAD_S: Final = 1.0  # a step of the wall clock; smaller ones are those of a clock that is kept right
+AHEAD_S: Final = 1.0  # least step of the wall clock to report; smaller ones are normal clock adjustments
 
 
 class Stamped(NamedTuple):
@@ -77,7 +77,7 @@ def _of_daemon(file: Path) -> Exported:
 
 
 def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, list[Diagnostic]]]]:
-    """Read poses and health. Raises ConfigError where drd did not write them."""
+    """Read poses and health. Raises ConfigError if drd did not write them."""
     poses: list[Stamped] = []
     health: list[tuple[int, list[Diagnostic]]] = []
     for message in chain.from_iterable(part.messages(POSE, HEALTH) for part in parts):

@@ -30,7 +30,7 @@ class _Message(NamedTuple):
 
 
 def write_bag(file: Path, exported: Exported) -> dict[str, int]:
-    """Write the bag; how many messages each topic has. Raises OSError, and ConfigError for times below 0."""
+    """Write the bag; return the number of messages by topic. Raises OSError, and ConfigError for times below 0."""
     if exported.poses[0].stamp_ns < 0:
         got = f"a recording that begins at {exported.poses[0].stamp_ns * S_PER_NS:g} s"
         raise ConfigError("--ros2", "", "times from 0, as a bag has", got)

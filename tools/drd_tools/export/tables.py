@@ -45,7 +45,7 @@ def write_tum(file: Path, exported: Exported) -> None:
 
 
 def write_parquet(file: Path, exported: Exported) -> None:
-    """Write all that a pose says, exact; `time` is UTC, or the folder's own time as if it were. Needs pyarrow."""
+    """Write all fields of the poses, exactly; `time` is UTC, or the folder's own time as if UTC. Needs pyarrow."""
     import pyarrow as pa  # noqa: PLC0415  # an extra of its own
     import pyarrow.parquet as pq  # noqa: PLC0415
 

@@ -1,1 +1,1 @@
-"""drd's output for ROS 2 through whatever middleware ROS 2 uses: a node between Zenoh and rclpy."""
+"""drd's output for ROS 2 with any middleware: a node between Zenoh and rclpy."""

@@ -1,4 +1,4 @@
-"""`drd ros2`: a node of ROS 2 that publishes what a running drd says."""
+"""`drd ros2`: a ROS 2 node that publishes the output of a running drd."""
 
 import argparse
 import importlib
@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _rclpy() -> Any:
-    """The package, or None with a word on where it comes from."""
+    """Import the package; return None, after printing how to get it, if it cannot be loaded."""
     try:
         return importlib.import_module("rclpy")
     except ImportError as error:  # its libraries may be missing, too

@@ -1,4 +1,4 @@
-"""What the daemon publishes over Zenoh as messages of ROS 2, in CDR; no ROS 2 is needed for it."""
+"""Conversion of the daemon's Zenoh messages to ROS 2 messages in CDR, which does not need ROS 2."""
 
 import json
 import math
@@ -19,7 +19,7 @@ class Messages:
         self._odometry: OdometryEncoder | None = None
 
     def of_odometry(self, data: bytes) -> Mapping[str, bytes]:
-        """From a message of `drd/odom`, which goes on as it is where its frames do. Raises ValueError."""
+        """Convert a message of `drd/odom`, which is passed on unchanged if its frames are. Raises ValueError."""
         wall_ns, frame_id, child_frame_id, pose = _pose(data)
         self._use((frame_id, child_frame_id))
         return {
@@ -29,7 +29,7 @@ class Messages:
         }
 
     def of_health(self, data: bytes) -> Mapping[str, bytes]:
-        """From a message of `drd/health`. Raises ValueError."""
+        """Convert a message of `drd/health`. Raises ValueError."""
         health = json.loads(data)
         try:
             return {"diagnostics": encode_diagnostics(diagnostics(health), health["wall_ns"])}
@@ -37,7 +37,7 @@ class Messages:
             raise ValueError(f"no health: {error!r}") from error
 
     def _use(self, frames: tuple[str, str]) -> None:
-        """Make the encoders for the daemon's frames, and anew where it comes back with others."""
+        """Make the encoders for the daemon's frames, and again if it restarts with others."""
         if frames == self._frames:
             return
         self._frames = frames
@@ -48,7 +48,7 @@ class Messages:
 
 
 def _pose(data: bytes) -> tuple[int, str, str, Pose]:
-    """Stamp in ns, both frames and the pose of a nav_msgs/Odometry of drd's."""
+    """Stamp in ns, both frames and the pose of drd's nav_msgs/Odometry."""
     reader = CdrReader(data)
     wall_ns, frame_id = reader.header()
     child_frame_id = reader.text()

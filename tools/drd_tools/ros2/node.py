@@ -20,7 +20,7 @@ from drd_tools.ros2.messages import Messages
 
 __all__ = ["BAD_ARGUMENTS", "DrdNode", "ExternalShutdownException"]
 
-# What rclpy raises for --ros-args that it cannot use; rcl's own error is a RuntimeError.
+# Exceptions of rclpy for unusable --ros-args; rcl's own error is a RuntimeError.
 BAD_ARGUMENTS: Final = (RuntimeError, NameValidationException, ParameterException)
 
 # As ROS 2 knows the types; those that an installation may lack come with the package that has them.
@@ -59,7 +59,7 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
         return value
 
     def _type(self, package: str, folder: str, name: str, use: str) -> Any:
-        """A type of ROS 2, or None, with a line in the log, where its package is not installed."""
+        """Import a type of ROS 2; None, with a line in the log, if its package is not installed."""
         try:
             return getattr(import_module(f"{package}.{folder}"), name)
         except ModuleNotFoundError:
@@ -81,9 +81,9 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
     # ---- to ROS 2 ----------------------------------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Open the session and subscribe; a daemon that is not there yet is waited for. Raises zenoh.ZError."""
+        """Open the session and subscribe, even if the daemon is not running yet. Raises zenoh.ZError."""
         file, endpoint = self._text("zenoh_config", ""), self._text("connect", "tcp/127.0.0.1:7447")
-        # A peer goes on trying to connect; a client gives up where nobody answers at the start.
+        # A peer keeps trying to connect; a client gives up if nobody answers at the start.
         config = zenoh.Config.from_file(Path(file)) if file else isolated_config("peer", (), (endpoint,))
         self._session = zenoh.open(config)
         for key, convert in (("odom", self._messages.of_odometry), ("health", self._messages.of_health)):
@@ -92,7 +92,7 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
 
     def _taker(self, convert: Callable[[bytes], Mapping[str, bytes]]) -> Callable[[Any], None]:
         def take(sample: Any) -> None:
-            """In Zenoh's thread: without a detour through the executor."""
+            """Publish directly from Zenoh's thread, bypassing the executor."""
             try:
                 messages = convert(sample.payload.to_bytes())
             except ValueError as error:
@@ -115,7 +115,7 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
         return response
 
     def _set_pose(self, request: Any, response: Any) -> Any:
-        """The service has no word for a refusal: the log has it."""
+        """Set the pose; log a refusal, since the service's response has no field for it."""
         self._move(serialize_message(request.pose))
         return response
 

@@ -12,7 +12,7 @@ from drd_tools.supply.sbom import bill_of_materials
 
 
 def sections() -> dict[str, list[Package]]:
-    """Packages of the daemon, and what each extra adds, by the headings of the list."""
+    """Packages of the daemon, and those that each extra adds, by heading."""
     daemon = installed(extras=())
     found = {"the daemon": [p for name, p in daemon.items() if name != "drd"]}
     for extra in ROBOT_EXTRAS:
@@ -21,7 +21,7 @@ def sections() -> dict[str, list[Package]]:
 
 
 def main(argv: list[str]) -> int:
-    """Print one of them."""
+    """Print the requested list."""
     parser = argparse.ArgumentParser(prog="python -m drd_tools.supply", description="What runs on a robot.")
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("sbom", help="bill of materials, CycloneDX JSON, of what is installed here")

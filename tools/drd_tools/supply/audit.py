@@ -1,4 +1,4 @@
-"""Known vulnerabilities of the locked packages, by pip-audit; where nobody answers, that is said and no failure."""
+"""Known vulnerabilities of the locked packages, by pip-audit; a missing answer is reported but is no failure."""
 
 import json
 import subprocess
@@ -6,15 +6,15 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-# Its answer takes a few seconds. A registry that is slow must not hold continuous integration up.
+# An answer takes a few seconds. A slow registry must not delay continuous integration.
 TIMEOUT_S: Final = 60.0
-# uv keeps it in an environment of its own: its many packages are none of ours.
+# uv keeps it in a separate environment, apart from our packages.
 PIP_AUDIT: Final = ("uv", "tool", "run", "--quiet", "--from", "pip-audit>=2.9,<3", "pip-audit")
 OPTIONS: Final = ("--require-hashes", "--disable-pip", "--progress-spinner=off", "--timeout=10", "--format=json")
 
 
 def audit(lock: Path, pip_audit: tuple[str, ...] = PIP_AUDIT, timeout_s: float = TIMEOUT_S) -> int:
-    """Print what is known; exit code 1 where a package has a known vulnerability, else 0."""
+    """Print the results; return exit code 1 if a package has a known vulnerability, otherwise 0."""
     command = [*_beside_python(pip_audit), *OPTIONS, "--requirement", str(lock)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout_s)
@@ -43,6 +43,6 @@ def _skipped(reason: str) -> int:
 
 
 def _beside_python(command: tuple[str, ...]) -> tuple[str, ...]:
-    """With the program of this environment, where it has one."""
+    """Use the program of this environment, if it has one."""
     beside = Path(sys.executable).parent / command[0]
     return (str(beside), *command[1:]) if beside.exists() else command

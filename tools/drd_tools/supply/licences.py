@@ -1,4 +1,4 @@
-"""Licences of packages, as SPDX expressions, and whether they go with Apache-2.0."""
+"""Licences of packages, as SPDX expressions, and their compatibility with Apache-2.0."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -32,7 +32,7 @@ CLASSIFIER: Final = "License :: OSI Approved :: "
 
 
 def licence(package: Package) -> str:
-    """The SPDX expression. Raises ValueError where the metadata do not say."""
+    """Find the SPDX expression. Raises ValueError if the metadata do not state it."""
     if package.name in BY_FILE:
         return BY_FILE[package.name]
     metadata = package.metadata
@@ -48,7 +48,7 @@ def licence(package: Package) -> str:
 
 
 def table(sections: Mapping[str, Iterable[Package]]) -> str:
-    """Markdown: a table by section, without versions, so that it changes with a package or its licence only."""
+    """Make a Markdown table for each section, without versions, so that it changes only with packages or licences."""
     lines = [
         "# Licences",
         "",

@@ -1,4 +1,4 @@
-"""Packages that drd needs on a robot, from the metadata of what is installed."""
+"""Packages that drd needs on a robot, from the metadata of installed distributions."""
 
 import importlib.metadata
 from collections.abc import Iterable
@@ -21,9 +21,9 @@ class Package(NamedTuple):
 
 
 def installed(extras: Iterable[str] = ROBOT_EXTRAS) -> dict[str, Package]:
-    """drd and all that it needs with these extras, by canonical name, drd first.
+    """Find drd and its dependencies with these extras, by canonical name, drd first.
 
-    Raises importlib.metadata.PackageNotFoundError where one is not installed.
+    Raises importlib.metadata.PackageNotFoundError if one is not installed.
     """
     found: dict[str, Package] = {}
     waiting = [("drd", frozenset(extras))]

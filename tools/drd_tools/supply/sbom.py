@@ -1,4 +1,4 @@
-"""The bill of materials: packages, versions, licences and who needs whom, as CycloneDX 1.6 in JSON (ECMA-424)."""
+"""Bill of materials: packages, versions, licences and dependencies, as CycloneDX 1.6 in JSON (ECMA-424)."""
 
 import json
 import uuid
@@ -10,7 +10,7 @@ from drd_tools.supply.packages import Package
 
 
 def bill_of_materials(packages: Mapping[str, Package]) -> dict[str, Any]:
-    """Of drd and all others; without a date, so that the same packages make the same bill."""
+    """Make the bill of materials of all packages, without a date, so that it is reproducible."""
     body = {
         "metadata": {"component": _component(packages["drd"], "application")},
         "components": [_component(p, "library") for name, p in sorted(packages.items()) if name != "drd"],

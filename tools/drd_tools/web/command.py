@@ -42,7 +42,7 @@ _EVERYWHERE: Final = ("0.0.0.0", "[::]")
 
 
 def main(argv: list[str]) -> int:
-    """Exit code 0; 1 where the address is taken. Raises ConfigError."""
+    """Run the command. Returns exit code 0, or 1 if the address is taken. Raises ConfigError."""
     arguments = _arguments(argv)
     host, port = arguments.listen
     token = make_token(arguments.token_file, host)
@@ -50,7 +50,7 @@ def main(argv: list[str]) -> int:
         link = DaemonLink(zenoh_config(arguments), arguments.prefix)
     except zenoh.ZError as error:
         raise ConfigError("--connect", "", "a Zenoh end point, or a good --zenoh-config", tidy(error)) from error
-    # aiohttp logs what anybody who can connect makes it log.
+    # Anybody who can connect could fill aiohttp's log.
     logging.getLogger("aiohttp").setLevel(logging.CRITICAL)
     try:
         asyncio.run(_serve(link, host, port, token, tuple(arguments.name)))

@@ -1,4 +1,4 @@
-"""The daemon as a Zenoh client hears it: what it publishes waits in bounded boxes, commands go to it as queries."""
+"""Zenoh client of the daemon: its messages wait in bounded boxes, commands are sent to it as queries."""
 
 import asyncio
 import contextlib
@@ -16,7 +16,7 @@ from drd.output.session import tidy
 
 log = logging.getLogger(__name__)
 
-# Messages between two looks at the boxes, 0.1 s apart; beyond, the newest win.
+# Capacity of a box, emptied every 0.1 s; if it is exceeded, the newest messages are kept.
 _BOX: Final = 512
 _RETRY_S: Final = 1.0
 # How soon Zenoh tries again after a lost connection. Its own back-off, 1 to 4 s doubling, takes about 7 s.
@@ -24,7 +24,7 @@ _ZENOH_RETRY: Final = {"period_init_ms": 500, "period_max_ms": 1000, "period_inc
 
 
 class Heard(NamedTuple):
-    """A message and when it came."""
+    """A message and its time of arrival."""
 
     payload: bytes
     monotonic_s: float
@@ -48,7 +48,7 @@ class DaemonLink:
         self.starts = 0  # how often it appeared
 
     async def open(self) -> None:
-        """Connect, however long that takes; from then on Zenoh itself connects again."""
+        """Connect, however long that takes; later, Zenoh itself reconnects."""
         told = None
         while self._session is None:
             try:
@@ -81,14 +81,14 @@ class DaemonLink:
         self.starts += self.alive
 
     def allows_commands(self) -> bool:
-        """Ask whether the configuration in force allows commands; False also where no answer comes."""
+        """Ask whether the configuration in force allows commands; return False also without an answer."""
         try:
             return self.ask("config")["config"]["output"]["commands"] is True
         except (Refused, KeyError, TypeError):
             return False
 
     def ask(self, name: str, payload: bytes | None = None) -> dict[str, Any]:
-        """The daemon's answer to a query, for which it may wait some seconds. Raises Refused with the reason."""
+        """Query the daemon, waiting some seconds for the answer. Raises Refused with the reason."""
         if self._session is None:
             raise Refused("the daemon cannot be reached")
         return ask(self._session, f"{self._prefix}/{name}", payload)

@@ -1,4 +1,4 @@
-"""Who may ask: the Host header (DNS rebinding), the origin (other sites' pages), and the token."""
+"""Access control, by the Host header (DNS rebinding), the origin (other sites' pages), and the token."""
 
 import hmac
 import ipaddress
@@ -17,7 +17,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 # The page sets it on each command. Another site's page cannot, unless we answered its browser's preflight request.
 HEADER: Final = "X-Drd"
-# 128 random bits need no limit on guesses; a file's token should not be shorter than what nobody guesses either.
+# 128 random bits need no limit on guesses; a file's token must be long enough not to be guessed either.
 _TOKEN_BYTES: Final = 16
 _SHORTEST_TOKEN: Final = 16
 _COOKIE_S: Final = 30 * 86_400
@@ -31,7 +31,7 @@ _TOKEN_FORM: Final = """\
 
 
 class Guard:
-    """Made once; `middleware` sees each request first. `token`: None where everybody on this machine may look."""
+    """Access check, whose `middleware` handles each request first. `token`: None to admit everybody on this machine."""
 
     def __init__(self, token: str | None, names: tuple[str, ...], port: int):
         self._token = token
@@ -55,7 +55,7 @@ class Guard:
         return response
 
     def _check(self, request: web.Request) -> bool:
-        """Whether a cookie is to keep the token. Raises HTTPException where the request is refused."""
+        """Whether to store the token in a cookie. Raises HTTPException if the request is refused."""
         host = request.headers.get("Host", "")
         if not self._is_ours(host):
             raise web.HTTPMisdirectedRequest(text=f"{host[:100]!a} is no name of this server: start it with --name\n")
@@ -67,7 +67,7 @@ class Guard:
         return self._token is not None and self._check_token(request)
 
     def _is_ours(self, host: str) -> bool:
-        """Whether it is an address, or a name of this machine. A rebound name is the attacker's own: none of these."""
+        """Whether it is an address, or a name of this machine. A rebound name is the attacker's own, so neither."""
         found = re.fullmatch(r"\[([0-9a-f:.]+)\](:\d+)?|([^:\[\]]+)(:\d+)?", host.lower())
         if found is None:
             return False
@@ -79,7 +79,7 @@ class Guard:
         return True
 
     def _check_token(self, request: web.Request) -> bool:
-        """True where it came in the address, for the cookie to keep. Raises HTTPUnauthorized without it."""
+        """True if the token came in the address, so that the cookie stores it. Raises HTTPUnauthorized without one."""
         given = request.query.get("token", "")
         if self._is_token(given):
             return True
@@ -99,7 +99,7 @@ class Guard:
 
 
 def _harden(response: web.StreamResponse) -> None:
-    """Forbid foreign content, frames around the buttons, keeping anything, and handing on an address with the token."""
+    """Forbid foreign content, framing of the buttons, caching, and referrers that contain the token."""
     response.headers.setdefault("Content-Security-Policy", "default-src 'none'; frame-ancestors 'none'")
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["Referrer-Policy"] = "no-referrer"
@@ -107,7 +107,7 @@ def _harden(response: web.StreamResponse) -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches what listens there."""
+    """Whether only this machine can reach this address."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -115,7 +115,7 @@ def is_loopback(host: str) -> bool:
 
 
 def make_token(file: Path | None, host: str) -> str | None:
-    """The file's token, a new one where others reach `host`, or None. Raises ConfigError for a file without one."""
+    """The file's token, a new one if others can reach `host`, or None. Raises ConfigError for a file without one."""
     if file is None:
         return None if is_loopback(host) else secrets.token_urlsafe(_TOKEN_BYTES)
     expected = f"a file whose only line is a token of {_SHORTEST_TOKEN} characters or more: letters, digits, - and _"

@@ -1,4 +1,4 @@
-"""The last hour of the robot, in memory of a fixed size: where it was, and when it was not simply valid, and why."""
+"""History of the last hour, in memory of a fixed size: poses, and changes of validity with their reasons."""
 
 import math
 from collections import deque
@@ -28,7 +28,7 @@ COLUMNS: Final = (
 )
 _ROWS: Final = round(SPAN_S / PERIOD_S)
 _EVENTS: Final = 500
-# Timers are late now and then; a row that is due within this is taken.
+# Timers are sometimes late; a row due within this time is taken.
 _SLACK_S: Final = 0.02
 
 
@@ -43,7 +43,7 @@ class History:
         self._told: Any = None
 
     def add(self, time_s: float, pose: Pose) -> dict[str, Any] | None:
-        """A pose, at a time that never goes back. Returns the event that it is, if it is one; each event has a row."""
+        """Add a pose, at a non-decreasing time. Return its event, if it is one; each event has a row."""
         event = self._event(time_s, pose)
         is_due = time_s >= self._next_s - _SLACK_S
         if is_due or event is not None:

@@ -1,4 +1,4 @@
-"""The browsers that listen: each has a short queue of its own, so that a slow one harms nobody."""
+"""Connected browsers, each with its own short queue, so that a slow one does not affect the others."""
 
 import asyncio
 import contextlib
@@ -7,10 +7,10 @@ from typing import Final
 
 from aiohttp import ClientConnectionError, WSCloseCode, web
 
-# Messages that wait for one browser, about 1.5 s of them; beyond, the newest win.
+# Messages queued for one browser, about 1.5 s of them; if exceeded, the newest are kept.
 QUEUE: Final = 20
 MAX_CLIENTS: Final = 64
-# A browser that takes nothing for so long is given up: its tab sleeps, or the network is gone. It comes back by itself.
+# A browser that takes nothing for this long is dropped: its tab sleeps, or the network is down. It will reconnect.
 STALLED_S: Final = 20.0
 _GOODBYE_S: Final = 0.5
 
@@ -65,22 +65,22 @@ class Hub:
         return self._dropped + sum(client.dropped for client in self._clients)
 
     def send(self, text: str) -> None:
-        """Send to everybody, without waiting for anybody."""
+        """Send to all browsers without waiting."""
         for client in self._clients:
             client.put(text)
 
     async def close(self, _: web.Application) -> None:
-        """Tell all browsers that the server ends; they try to come back."""
+        """Tell all browsers that the server ends; they will try to reconnect."""
         await asyncio.gather(*(client.close() for client in self._clients))
 
     async def serve(self, request: web.Request, hello: str) -> web.StreamResponse:
-        """A browser, from its first message until it leaves.
+        """Serve a browser, from its first message until it leaves.
 
         Raises HTTPServiceUnavailable beyond MAX_CLIENTS, HTTPBadRequest for what is no handshake.
         """
         if len(self._clients) >= MAX_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} browsers are connected already\n")
-        # A browser says nothing here: a long message is somebody else's. Compression costs more than it gains.
+        # Our page sends nothing here, so a long message is not its own. Compression costs more than it gains.
         socket = web.WebSocketResponse(heartbeat=STALLED_S, max_msg_size=1024, compress=False)
         try:
             await socket.prepare(request)
@@ -104,6 +104,6 @@ class Hub:
 
 
 async def _read(socket: web.WebSocketResponse) -> None:
-    """Handle pings and the end; what a browser says is not looked at."""
+    """Handle pings and the end; ignore messages of the browser."""
     async for _ in socket:
         pass

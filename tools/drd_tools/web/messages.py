@@ -1,4 +1,4 @@
-"""What the daemon publishes, checked: whatever arrives becomes one of these or is counted as unreadable."""
+"""Checked messages of the daemon: whatever arrives becomes one of these or is counted as unreadable."""
 
 from typing import Annotated, Any, Final, Literal
 
@@ -9,7 +9,7 @@ Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # a longer one overflo
 
 
 class Reason(msgspec.Struct):
-    """Why a pose is not simply valid; `since_s` seconds before it."""
+    """Reason why a pose is not fully valid, since `since_s` seconds before it."""
 
     source: str
     text: str
@@ -41,7 +41,7 @@ def read_pose(payload: bytes) -> Pose | None:
 
 
 def read_health(payload: bytes) -> dict[str, Any] | None:
-    """Read the health as it is, which other versions of the daemon may have otherwise; None: unreadable."""
+    """Read the health without a schema, since it may differ between daemon versions; None: unreadable."""
     try:
         return msgspec.json.decode(payload, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):

@@ -1,6 +1,6 @@
-"""The state as Prometheus reads it: text format 0.0.4, names and units by Prometheus' conventions.
+"""Metrics for Prometheus: text format 0.0.4, with names and units by its conventions.
 
-What is not known, or is older than GONE_S, is left out, as the conventions want it; `drd_up` and the ages remain.
+Values that are unknown, or older than GONE_S, are left out, as the conventions require; `drd_up` and the ages remain.
 """
 
 import math
@@ -16,7 +16,7 @@ GONE_S: Final = 10.0
 _S_PER_MS: Final = 1e-3
 
 Labels = Mapping[str, str]
-Sample = tuple[str, Labels, float]  # what is behind the family's name ("_sum", or nothing), labels, value
+Sample = tuple[str, Labels, float]  # suffix of the family's name ("_sum", or none), labels, value
 
 
 def metrics_text(state: State, now_s: float, alive: bool, browsers: int, dropped: int) -> str:

@@ -1,4 +1,4 @@
-"""The web server around one state: ten times a second it looks at what came and tells the browsers."""
+"""Web server for one state, which forwards new messages to the browsers ten times a second."""
 
 import asyncio
 import contextlib
@@ -27,9 +27,9 @@ _TYPES: Final = {"html": "text/html", "css": "text/css", "js": "text/javascript"
 
 
 class Server:
-    """Answers for one daemon. `app` is aiohttp's application; it opens and closes the link.
+    """Web server of one daemon. `app` is aiohttp's application, which opens and closes the link.
 
-    `work`, there once it serves, ends only by a bug of ours.
+    `work`, which exists once it serves, ends only by a bug of ours.
     """
 
     work: asyncio.Task[None]
@@ -83,7 +83,7 @@ class Server:
             await asyncio.sleep(next_s - now_s)
 
     def _look(self) -> None:
-        """Take what came since the last look; of the poses the browsers get the newest."""
+        """Process new messages; the browsers get only the newest pose."""
         state, link = self._state, self._link
         poses = [link.poses.popleft() for _ in range(len(link.poses))]
         for event in state.take_poses(poses):
@@ -103,7 +103,7 @@ class Server:
         return self._state.status_message(now_s, self._link.alive, len(self._hub))
 
     async def _learn_permission(self) -> None:
-        """Whether the daemon takes commands: asked at each of its starts, and again while the answer is no."""
+        """Ask whether the daemon accepts commands, at each of its starts, and again while the answer is no."""
         asked = -1
         while True:
             if self._link.alive and (asked != self._link.starts or not self._state.commands_allowed):
@@ -155,7 +155,7 @@ class Server:
         return web.Response(body=text.encode(), headers={"Content-Type": CONTENT_TYPE})
 
     async def _command(self, request: web.Request) -> web.Response:
-        """Hand a command to the daemon, which checks and logs it; its refusal is answered with 409."""
+        """Pass a command to the daemon, which checks and logs it; answer a refusal with 409."""
         name = request.match_info["name"]
         if name not in COMMANDS:
             raise web.HTTPNotFound
@@ -174,7 +174,7 @@ def _text(message: dict[str, Any]) -> str:
 
 @contextlib.asynccontextmanager
 async def serving(server: Server, host: str, port: int) -> AsyncIterator[int]:
-    """Serve; yields the port, which the system chooses where `port` is 0. Raises OSError where it is taken."""
+    """Serve; yield the port, which the system chooses if `port` is 0. Raises OSError if it is taken."""
     runner = web.AppRunner(server.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     try:

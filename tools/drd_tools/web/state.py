@@ -1,4 +1,4 @@
-"""What is known of one robot at this moment: the newest pose and health, how they came, and the last hour."""
+"""Current state of one robot: newest pose and health, their arrivals, and the last hour."""
 
 import time
 from collections import deque
@@ -12,12 +12,12 @@ from drd_tools.web.daemon import Heard
 from drd_tools.web.history import History
 from drd_tools.web.messages import Pose, read_health, read_pose
 
-# Delays are told of the last minute; at 200 poses/s of the last six seconds.
+# Number of delays kept: of the last minute, or at 200 poses/s of the last six seconds.
 _DELAYS: Final = 1200
 _RATE_S: Final = 3.0
 # Arrivals that are counted for it: the fastest encoders (encoders.rate_hz) bring 1000 poses/s, now and then more.
 _ARRIVALS: Final = 4000
-# Silence after which a pose is called missing and is told no more as the present one.
+# Silence after which a pose counts as missing, and the last one is no longer current.
 SILENT_S: Final = 3.0
 QUANTILES: Final = (0.5, 0.9, 0.99)
 
@@ -41,11 +41,11 @@ class State:
         self._wall_offset_s = time.time() - time.monotonic()
 
     def wall_s(self, monotonic_s: float) -> float:
-        """The pages' time, seconds since 1970; it never goes back."""
+        """The pages' time, seconds since 1970; it never decreases."""
         return monotonic_s + self._wall_offset_s
 
     def take_poses(self, heard: Iterable[Heard]) -> list[dict[str, Any]]:
-        """Poses in the order in which they came. Returns the events (see history) that they are."""
+        """Take poses in order of arrival. Return those that are events (see history)."""
         events = []
         for payload, monotonic_s, wall_ns in heard:
             pose = read_pose(payload)
@@ -68,7 +68,7 @@ class State:
         self._times_s.append(monotonic_s)
 
     def take_health(self, heard: Heard) -> bool:
-        """Whether it was readable."""
+        """Take a health message; return whether it was readable."""
         health = read_health(heard.payload)
         if health is None:
             self.counters["messages_unreadable"] += 1
@@ -78,19 +78,19 @@ class State:
         return True
 
     def pose_age_s(self, now_s: float) -> float | None:
-        """Since the newest pose came; None: none came yet."""
+        """Time since the newest pose arrived; None: none yet."""
         return None if self._pose_s is None else now_s - self._pose_s
 
     def health_age_s(self, now_s: float) -> float | None:
-        """Since the newest health came; None: none came yet."""
+        """Time since the newest health arrived; None: none yet."""
         return None if self._health_s is None else now_s - self._health_s
 
     def rate_hz(self, now_s: float) -> float:
-        """Poses that arrived, of the last seconds."""
+        """Rate of arrival of poses over the last seconds."""
         return sum(now_s - t < _RATE_S for t in self._times_s) / _RATE_S
 
     def delays_s(self) -> dict[float, float]:
-        """Quantiles of the time from the pose's own to its arrival here, by two wall clocks; {} where there is none."""
+        """Quantiles of the delay from a pose's time to its arrival, by two wall clocks; {} without poses."""
         ordered = sorted(self._delays_s)
         return {q: ordered[min(len(ordered) - 1, int(q * len(ordered)))] for q in QUANTILES} if ordered else {}
 
@@ -116,7 +116,7 @@ class State:
         }
 
     def status_message(self, now_s: float, alive: bool, browsers: int) -> dict[str, Any]:
-        """Status for the pages: how the messages come."""
+        """Status for the pages: arrival of messages."""
         delays_s = self.delays_s()
         return {
             "type": "status",
