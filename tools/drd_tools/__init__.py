@@ -1,1 +1,1 @@
-"""The workshop around the daemon: emulated hardware, demonstrations and pictures. The robot does not need it."""
+"""Tools around the daemon: emulated hardware, demonstrations and pictures. The robot does not need them."""

@@ -1,4 +1,4 @@
-"""The build of the diagnosis: results of one and of another are not to be mixed."""
+"""Fingerprint of the diagnosis' code, since results of different versions must not be mixed."""
 
 import hashlib
 from importlib.util import find_spec
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def fingerprint(*names: str) -> str:
-    """Hash of the code of packages, with all that is below, and of modules; they need not be loaded."""
+    """Hash the code of modules and of packages with everything below; they need not be loaded."""
     digest = hashlib.sha256()
     for name in names:
         spec = find_spec(name)

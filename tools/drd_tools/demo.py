@@ -1,4 +1,4 @@
-"""`drd demo`: the emulated hardware, the real daemon as a process of its own, and a watcher, for half a minute."""
+"""`drd demo`: run the emulated hardware, the real daemon as a separate process, and a watcher for half a minute."""
 
 import argparse
 import contextlib
@@ -35,10 +35,10 @@ from drd_tools.simulate.simulator import motion_along
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial.live_cases import WAY_M, seen_live, since, sized
 
-# The daemon's start and its measurement of the bias fit in; the rest of the time the robot drives.
+# Extra standstill, for the daemon to start before it measures the bias.
 STAND_MARGIN_S = 2.5
 CONNECT_S = 15.0
-# With --fault: onset in the middle, after which the rest is driven for the monitor; sigmas that gather within 100 m.
+# With --fault: length of the run, onset as a share of the distance, and detectability in sigmas within 100 m of it.
 FAULT_SECONDS: Final = 240.0
 FAULT_SHARE: Final = 0.45
 FAULT_D: Final = 12.0
@@ -58,14 +58,14 @@ Exit code: 0 done, 1 the daemon failed or gave no pose, 2 bad usage or configura
 
 
 class Heard(NamedTuple):
-    """Poses, and the newest of the monitor's findings by the moment of their naming."""
+    """Poses, and the newest of the monitor's findings by the time at which they were named."""
 
     poses: list[dict[str, Any]]
     findings: dict[int, dict[str, Any]]
 
 
 class Result(NamedTuple):
-    """What the demo shows: columns of time_s, x_m, y_m, heading_rad; the estimate's also has bound_m."""
+    """Result of the demo: columns time_s, x_m, y_m, heading_rad; the estimate also has bound_m."""
 
     truth: Array
     estimate: Array
@@ -83,7 +83,7 @@ class Result(NamedTuple):
         return np.column_stack([np.interp(time_s, self.truth[:, 0], self.truth[:, i]) for i in (1, 2, 3)])
 
     def sentence(self) -> str:
-        """The figures in one line."""
+        """Summarise the errors in one line."""
         heading = self.estimate[-1, 3] - self.truth_at(self.estimate[-1:, 0])[0, 2]
         errors, wheels = self.errors_m, self.wheels
         true = self.truth_at(wheels[:, 0])
@@ -97,7 +97,7 @@ class Result(NamedTuple):
 
 
 def main(argv: list[str]) -> int:
-    """Exit code 0; 1 where the daemon failed or no pose was heard."""
+    """Run the command. Returns exit code 0, or 1 if the daemon failed or no pose was received."""
     arguments = _arguments(argv)
     config = load_config(arguments.config).value
     stand_s = config.estimation.static_bias.duration_s + STAND_MARGIN_S
@@ -165,7 +165,7 @@ def _daemon(config: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator, seconds: float, heard: Heard) -> None:
-    """Print one line a second, as `drd watch --plain` does; keeps poses and findings."""
+    """Print one line per second, as `drd watch --plain` does, and keep poses and findings."""
     endpoint, prefix = config.output.listen[0], config.output.prefix
     session = _connect(process, endpoint)
     if session is None:
@@ -186,7 +186,7 @@ def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator,
                 view.take_health(sample.payload.to_bytes())
             while (sample := findings.try_recv()) is not None:
                 now = json.loads(sample.payload.to_bytes())["findings"]
-                for finding in now:  # its name may change, its first moment does not
+                for finding in now:  # its name may change, but not the time of its first naming
                     heard.findings[finding["named_ns"]] = finding
                 for gone in heard.findings.keys() - {f["named_ns"] for f in now}:
                     del heard.findings[gone]
@@ -194,7 +194,7 @@ def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator,
 
 
 def _connect(process: subprocess.Popen[bytes], endpoint: str) -> Any:
-    """A session with the daemon, once it listens; None if it ends or takes too long."""
+    """Open a session with the daemon once it listens; None if it ends or takes too long."""
     deadline_s = time.monotonic() + CONNECT_S
     while time.monotonic() < deadline_s and process.poll() is None:
         with contextlib.suppress(zenoh.ZError):
@@ -220,7 +220,7 @@ def evaluate(truth: Sequence[Truth], poses: Sequence[dict[str, Any]], config: Co
 
 
 class Planted(NamedTuple):
-    """An effect, from when on (s since the start), its values (SI), and what it does."""
+    """An effect, its onset (s since the start), its values (SI), and its accumulated errors."""
 
     effect: Effect
     begin_s: float
@@ -229,7 +229,7 @@ class Planted(NamedTuple):
 
 
 def plant(name: str, drive: Drive, config: Config, seed_: int) -> Planted | None:
-    """The effect so large that FAULT_D sigmas of it gather within 100 m of its onset, if it can be so large."""
+    """Size the effect for a detectability of FAULT_D within 100 m of its onset; None if it cannot be so large."""
     effect, truth = catalogue()[name], make_truth(drive)
     half_m_s = 0.5 * config.robot.tread_m * truth.rate_rad_s  # perfect wheels and tread
     wheels = truth.speed_m_s - half_m_s, truth.speed_m_s + half_m_s
@@ -247,7 +247,7 @@ def plant(name: str, drive: Drive, config: Config, seed_: int) -> Planted | None
 
 
 def told(planted: Planted, findings: list[dict[str, Any]], zero_ns: int, first_s: float) -> tuple[str, list[Mark]]:
-    """What the monitor has said of it, in words and as moments after `zero_ns`, which is `first_s` into the drive."""
+    """The monitor's report on it, as text and as marks in time since `zero_ns`, which is `first_s` into the drive."""
     begin_s = planted.begin_s - first_s
     sizes = ", ".join(f"{q.name} {_shown(planted, q)}" for q in planted.effect.parameters if q.name in planted.values)
     said, marks = f"; {planted.effect.id} from {begin_s:.0f} s ({sizes})", [Mark(begin_s, "onset")]

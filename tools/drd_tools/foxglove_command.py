@@ -1,4 +1,4 @@
-"""`drd foxglove`: a running daemon's pose in Foxglove, over its WebSocket protocol; a Zenoh client of the daemon."""
+"""`drd foxglove`: show a running daemon's pose in Foxglove over its WebSocket protocol, as a Zenoh client."""
 
 import argparse
 import contextlib
@@ -32,10 +32,10 @@ from drd_tools.shipped import shipped_config
 LAYOUT: Final = "foxglove-layout.json"
 HEALTH: Final = "/health"
 DIAGNOSTICS: Final = "/diagnostics"
-# Under this name Foxglove's diagnostics panels take JSON, too.
+# With this schema name, Foxglove's diagnostics panels accept JSON too.
 DIAGNOSTIC_ARRAY: Final = "diagnostic_msgs/DiagnosticArray"
 FORWARDED: Final = (POSE, "/pose", "/tf", "/scene", HEALTH)
-# Some 40 kB/s for a path of full length, and a path that keeps up with the eye.
+# About 40 kB/s for a path of full length, yet smooth to the eye.
 SCENE_PERIOD_NS: Final = NS_PER_S // 2
 DESCRIPTION: Final = """\
 Show a running drd in Foxglove: pose, transform, the path, the 99 % bound, and the health as a table of diagnostics.
@@ -70,7 +70,7 @@ class Published(msgspec.Struct):
     validity: Validity
 
     def pose(self) -> Pose:
-        """The pose; what is not drawn is NaN."""
+        """Make the pose; fields that are not drawn are NaN."""
         x_m, y_m, heading_rad, speed_m_s, bound_m = (
             math.nan if value is None else value
             for value in (self.x_m, self.y_m, self.heading_rad, self.speed_m_s, self.position_bound_99_m)
@@ -105,7 +105,7 @@ class Channels:
         self.unreadable = 0
 
     def take_pose(self, payload: bytes) -> None:
-        """A message of `prefix/pose`."""
+        """Take a message of `prefix/pose`."""
         try:
             heard = self._decoder.decode(payload)
             messages = self._viewers.pose(heard.pose(), heard.wall_ns)
@@ -116,7 +116,7 @@ class Channels:
             self.unreadable += 1
 
     def take_health(self, payload: bytes) -> None:
-        """A message of `prefix/health`."""
+        """Take a message of `prefix/health`."""
         try:
             health = msgspec.json.decode(payload, type=dict[str, Any])
             wall_ns = int(health["wall_ns"])
@@ -127,7 +127,7 @@ class Channels:
 
 
 def diagnostic_array(health: Mapping[str, Any], wall_ns: int) -> dict[str, Any]:
-    """diagnostic_msgs/DiagnosticArray as JSON has it."""
+    """Make a diagnostic_msgs/DiagnosticArray as JSON."""
     seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
     rows = [
         row._asdict() | {"values": [{"key": key, "value": value} for key, value in row.values.items()]}
@@ -137,7 +137,7 @@ def diagnostic_array(health: Mapping[str, Any], wall_ns: int) -> dict[str, Any]:
 
 
 def _parts(health: Mapping[str, Any]) -> Iterator[Diagnostic]:
-    """A row for each part's counters, with the reasons that are its, and one for what was learned."""
+    """Rows of each part's counters, with its reasons, and one of the learned values."""
     reasons = [(str(r["source"]).partition(".")[0], str(r["text"])) for r in health["reasons"]]
     for part, values in dict(health["counters"]).items():
         why = "; ".join(text for source, text in reasons if source == part)
@@ -155,7 +155,7 @@ def _flat(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
 
 
 def main(argv: list[str]) -> int:
-    """Serve until Ctrl-C or SIGTERM. Exit code 0; 1 where drd or the address cannot be had."""
+    """Serve until Ctrl-C or SIGTERM. Returns exit code 0, or 1 if drd or the address is not available."""
     arguments = _arguments(argv)
     host, port = arguments.listen
     where = arguments.connect if arguments.zenoh_config is None else str(arguments.zenoh_config)
@@ -182,7 +182,7 @@ def main(argv: list[str]) -> int:
 
 @contextlib.contextmanager
 def serving(session: zenoh.Session, prefix: str, host: str, port: int) -> Iterator[WebSocketServer]:
-    """Viewers are served inside. Raises OSError or RuntimeError where the address cannot be listened on."""
+    """Serve viewers. Raises OSError or RuntimeError if the address is not available."""
     context = foxglove.Context()
     channels = Channels(context, *frames(session, prefix))
     server = foxglove.start_server(name=f"drd: {prefix}", host=host.strip("[]"), port=port, context=context)
@@ -197,7 +197,7 @@ def serving(session: zenoh.Session, prefix: str, host: str, port: int) -> Iterat
 
 
 def frames(session: zenoh.Session, prefix: str) -> tuple[str, str]:
-    """The names of the daemon's frames, as it says; the usual ones where it does not answer."""
+    """Ask the daemon for the names of its frames; return the defaults if it does not answer."""
     with contextlib.suppress(Refused, KeyError, TypeError):
         output = ask(session, f"{prefix}/config")["config"]["output"]
         return str(output["frame_id"]), str(output["child_frame_id"])
@@ -206,7 +206,7 @@ def frames(session: zenoh.Session, prefix: str) -> tuple[str, str]:
 
 @contextlib.contextmanager
 def _signals(stop: threading.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM set `stop`."""
+    """Let Ctrl-C and SIGTERM set `stop`."""
     before = [(n, signal.signal(n, lambda *_: stop.set())) for n in (signal.SIGINT, signal.SIGTERM)]
     try:
         yield

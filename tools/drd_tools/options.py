@@ -1,4 +1,4 @@
-"""Options that several commands of the workshop share, for `parents` of their parsers."""
+"""Options shared by several tools, for `parents` of their parsers."""
 
 import argparse
 import math
@@ -14,7 +14,7 @@ def _parent() -> tuple[argparse.ArgumentParser, Any]:
 
 
 def kept(required: bool = True) -> argparse.ArgumentParser:
-    """--output or --draw, of commands that keep their results: see report/saved.py."""
+    """--output or --draw, for commands that save their results: see report/saved.py."""
     parser, _ = _parent()
     add: Any = parser.add_mutually_exclusive_group(required=required).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
@@ -31,7 +31,7 @@ def model() -> argparse.ArgumentParser:
 
 
 def replayed() -> argparse.ArgumentParser:
-    """--config, --calibration and --model: what replaces the recording's own."""
+    """--config, --calibration and --model, which replace the recording's own."""
     parser, add = _parent()
     text = "daemon configuration or a part; what it states replaces the recording's"
     add("--config", type=Path, metavar="FILE", help=text)
@@ -75,7 +75,7 @@ def _lag(text: str) -> float:
 
 
 def seed(what: str, default: int = 0) -> argparse.ArgumentParser:
-    """--seed N, by which `what` is drawn."""
+    """--seed N, the seed of `what`."""
     parser, add = _parent()
     add("--seed", type=whole(0), default=default, metavar="N", help=f"seed of {what} (default {default})")
     return parser

@@ -1,4 +1,4 @@
-"""Processes that diagnose, which end with the command that began them."""
+"""Worker processes of the diagnosis, which end with the command that started them."""
 
 import multiprocessing
 import operator
@@ -20,15 +20,15 @@ THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextmanager
 def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of so many processes. SIGTERM, Ctrl-C and any error end them in the midst of their calls.
+    """Provide a pool of `jobs` processes. SIGTERM, Ctrl-C and any error end them, even during a call.
 
-    Raises ConfigError where one was killed.
+    Raises ConfigError if one was killed.
     """
-    # The processes share the cores; a library that takes all of them for one product only gets in the others' way.
+    # The processes share the cores; a library that uses all of them for one product slows the others down.
     for name in THREADS:
         os.environ.setdefault(name, "1")
     with ended_by_sigterm():
-        # A forked child of a process with threads may lock up.
+        # A forked child of a process with threads may deadlock.
         pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_to_parent)
         try:
             yield pool
@@ -44,7 +44,7 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def called(calls: Sequence[Callable[[], T]], jobs: int, at_once: int = 1) -> Iterator[T]:
-    """Results of calls in their order, done in so many processes, each handed so many `at_once`; of 1, in this one."""
+    """Results of calls, in order, from `jobs` processes that take `at_once` calls at a time; if 1, from this one."""
     if jobs == 1:
         yield from (call() for call in calls)
         return
@@ -54,7 +54,7 @@ def called(calls: Sequence[Callable[[], T]], jobs: int, at_once: int = 1) -> Ite
 
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
-    """SIGTERM raises SystemExit, so that what is in use is closed."""
+    """Let SIGTERM raise SystemExit, so that resources are closed."""
     can_handle = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _end) if can_handle else None
     try:

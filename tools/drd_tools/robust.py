@@ -1,4 +1,4 @@
-"""Figures of scatter that a few wild values do not move."""
+"""Robust measures of scatter."""
 
 import numpy as np
 
@@ -6,6 +6,6 @@ from drd.arrays import Array
 
 
 def deviation(values: Array, about: float | None = None) -> float:
-    """Standard deviation of values by the median of their distances from `about`, which is their median by default."""
+    """Standard deviation from the median absolute deviation about `about`, by default the values' median."""
     middle = np.median(values) if about is None else about
-    return 1.4826 * float(np.median(np.abs(values - middle)))  # of a Gaussian
+    return 1.4826 * float(np.median(np.abs(values - middle)))  # for a Gaussian

@@ -6,5 +6,5 @@ from drd.commands import shipped_file
 
 
 def shipped_config(name: str) -> Path:
-    """A configuration of `config/`."""
+    """Find a configuration in `config/`."""
     return shipped_file("config", name)

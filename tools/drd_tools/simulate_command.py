@@ -1,4 +1,4 @@
-"""`drd simulate`: a drive that never was, recorded."""
+"""`drd simulate`: simulate a drive and record it."""
 
 import argparse
 import math
@@ -84,7 +84,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _draw(folder: Path) -> int:
-    """Print and draw what the folder holds."""
+    """Print and draw the folder's contents."""
     from drd_tools.simulate.report import effect_table, sentences, write_report  # noqa: PLC0415  # matplotlib is slow
 
     about = read_truth(folder)
@@ -115,7 +115,7 @@ def _conditions(chosen: argparse.Namespace) -> Conditions:
 
 
 def _configured(simulated: Simulated, file: Path | None) -> tuple[Loaded[Config], Path]:
-    """The daemon's configuration: the file's, or what robot.yaml stands for."""
+    """The daemon's configuration: the file's, or the one that corresponds to robot.yaml."""
     if file is not None:
         return load_config(file), file.parent
     return Loaded(configuration(simulated.recording), {}), Path()
@@ -181,7 +181,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _world(argv: list[str]) -> str:
-    """Which world; the other one has options of its own."""
+    """Parse only --world, since each world has its own options."""
     parser = argparse.ArgumentParser(prog="drd simulate", add_help=False)
     parser.add_argument("--world", choices=WORLDS, default=WORLDS[0])
     chosen: str = parser.parse_known_args(argv)[0].world

@@ -1,1 +1,1 @@
-"""A second simulated world, in MuJoCo: it shares no formula with drd_tools.simulate or drd.effects."""
+"""A second simulation, in MuJoCo, which shares no formula with drd_tools.simulate or drd.effects."""

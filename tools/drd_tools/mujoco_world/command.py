@@ -38,7 +38,7 @@ STAND_S: Final = 10.0
 
 
 def main(argv: list[str]) -> int:
-    """Exit code 0; 2 for bad usage, or where MuJoCo is missing. Raises ConfigError on bad input."""
+    """Run the command. Returns exit code 0, or 2 for bad usage or without MuJoCo. Raises ConfigError on bad input."""
     chosen = _parser().parse_args(argv)
     try:
         return _run(chosen)
@@ -87,7 +87,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def table(found: Sequence[Any], vehicle: Vehicle, expected: float) -> list[str]:
-    """Lines of what emerged, by the kind of manoeuvre: medians, and the range of the tread.
+    """Lines of the results by kind of manoeuvre: medians, and the range of the tread.
 
     `expected`: ratio of effective tread and track for Coulomb friction.
     """

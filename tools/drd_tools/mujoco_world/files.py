@@ -1,4 +1,4 @@
-"""The recording folder, with the truth beside it."""
+"""The recording folder, which also holds the truth."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ TRUTH_HEADER: Final = "time_s,x_m,y_m,heading_deg,speed_m_s,lateral_m_s,left_whe
 def write_folder(folder: Path, readings: Readings, motion: Motion, truth: dict[str, Any]) -> None:
     """Write robot.yaml, the sensors' files, truth.yaml and truth.csv; files of an earlier simulation are replaced.
 
-    Raises ConfigError where the folder holds a recording that was not simulated, or cannot be written.
+    Raises ConfigError if the folder holds a recording that was not simulated, or cannot be written.
     """
     text = "# What emerged in MuJoCo; robot.yaml is what is believed.\n" + yaml.safe_dump(truth, sort_keys=False)
     write_recording(folder, readings.recording, text)
@@ -37,7 +37,7 @@ def write_folder(folder: Path, readings: Readings, motion: Motion, truth: dict[s
 
 
 def truth_of(found: Sequence[Manoeuvre], about: dict[str, Any]) -> dict[str, Any]:
-    """Content of truth.yaml."""
+    """Make the content of truth.yaml."""
     rows = [
         {name: round(value, 6) if isinstance(value, float) else value for name, value in asdict(m).items()}
         for m in found

@@ -9,7 +9,7 @@ from drd.arrays import Array
 
 PATCH_M: Final = 2.0
 PATCH_SHARE: Final = 1.0 / 3.0
-PATCHES: Final = 64  # the pattern repeats after so many in each direction
+PATCHES: Final = 64  # period of the pattern in each direction
 BUMP_RADIUS_M: Final = (0.03, 0.08)
 BUMP_HEIGHT_M: Final = (0.003, 0.012)
 BUMP_ASIDE_M: Final = 0.45
@@ -37,7 +37,7 @@ class Bump(NamedTuple):
 
 
 class Friction:
-    """The coefficient at a place, the same for the same seed."""
+    """Map of the friction coefficient, the same for the same seed."""
 
     def __init__(self, ground: Ground, random: np.random.Generator):
         other = random.random((PATCHES, PATCHES)) < PATCH_SHARE
@@ -45,13 +45,13 @@ class Friction:
         self._map = np.where(other, patch, ground.friction)
 
     def at(self, x_m: Array, y_m: Array) -> Array:
-        """Coefficient at places, shape of `x_m` and `y_m`."""
+        """Coefficient at given places, shape of `x_m` and `y_m`."""
         row, column = (np.floor(value / PATCH_M).astype(int) % PATCHES for value in (x_m, y_m))
         return np.asarray(self._map[row, column])
 
 
 def make_bumps(per_m: float, path_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:
-    """Bumps beside and on a path, shape (n, 2) with n >= 2; one of no length gets none."""
+    """Place bumps on and beside a path, shape (n, 2) with n >= 2; a path of zero length gets none."""
     step_m = np.hypot(*np.diff(path_m, axis=0).T)
     count = round(per_m * float(step_m.sum()))
     place = random.choice(len(step_m), count, p=step_m / step_m.sum()) if count else np.zeros(0, dtype=int)

@@ -1,4 +1,4 @@
-"""What emerged from the contacts: effective tread, slip, sideways motion, centres of rotation."""
+"""Measurement of effective tread, slip, sideways motion and centres of rotation, as they emerge from contacts."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -22,7 +22,7 @@ KINDS: Final = ("straight", "bend left", "bend right", "spin left", "spin right"
 
 @dataclass(frozen=True)
 class Blocks:
-    """Means over BLOCK_S, shape (n,) each. Wheel speeds are what the nominal radius makes of the wheels' turning."""
+    """Means over BLOCK_S, shape (n,) each. Wheel speeds are the wheels' angular rates times the nominal radius."""
 
     time_s: Array
     speed_m_s: Array
@@ -35,7 +35,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One interval of a kind. NaN where it holds nothing that determines a value.
+    """One interval of a kind of motion. Values that it does not determine are NaN.
 
     `tread_m`: wheel difference over true yaw. `slip`: 1 - (true / mean wheel distance), of the nominal radius, so the
     tyre's deflection is in it. `lateral_s`: v_y over v w. Centres of rotation, from the body frame's origin: of the
@@ -58,7 +58,7 @@ class Manoeuvre:
 
 
 def make_blocks(motion: Motion, vehicle: Vehicle) -> Blocks:
-    """Averages; what is left over at the end is dropped."""
+    """Average over blocks, dropping an incomplete one at the end."""
     size = round(BLOCK_S * ROW_HZ)
     n = (len(motion.time_s) - 1) // size
     ends = np.arange(n + 1) * size
@@ -83,7 +83,7 @@ def make_blocks(motion: Motion, vehicle: Vehicle) -> Blocks:
 
 
 def manoeuvres(blocks: Blocks) -> list[Manoeuvre]:
-    """The intervals, in their order, that are long enough to determine anything."""
+    """Find the intervals, in order, that are long enough to determine anything."""
     v, w = blocks.speed_m_s, blocks.rate_rad_s
     turning, tight = np.abs(w) > TURNING_RAD_S, np.abs(v) < TIGHT_M * np.abs(w)
     kind = np.where(turning, np.where(tight, 3, 1) + (w < 0.0), np.where(np.abs(v) < STANDING_M_S, -1, 0))
@@ -119,10 +119,10 @@ def _measure(kind: str, blocks: Blocks, at: slice) -> Manoeuvre:
 
 
 def coulomb_tread_ratio(vehicle: Vehicle) -> float:
-    """Effective tread over track on the spot, if all wheels carry the same load at the two edges of their tyres.
+    """Ratio of effective tread to track in spot turns, with equal loads on all wheels at both edges of their tyres.
 
-    Coulomb friction F is opposite to the slide: at a point y aside and x along, with the wheels' speed w Y, the slide
-    is (w (Y - y), w x). The moments about the middle are in balance at the Y that this finds, whatever F and w are.
+    Coulomb friction F is opposite to the sliding velocity: at a point y aside and x along, with wheel speed w Y, that
+    is (w (Y - y), w x). The result is the Y for which moments about the middle balance, for any F and w.
     """
     x_m, half_m = 0.5 * vehicle.wheelbase_m, 0.5 * vehicle.track_m
     y_m = half_m + 0.5 * vehicle.tyre_width_m * np.array([-1.0, 1.0])

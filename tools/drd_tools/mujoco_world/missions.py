@@ -1,4 +1,4 @@
-"""What is driven: laps of legs, each lap from the origin back to it."""
+"""Missions: laps of legs, each lap from the origin back to it."""
 
 import itertools
 import math
@@ -37,26 +37,26 @@ Leg = Follow | Spin | Stand
 
 
 class Mission(NamedTuple):
-    """`lap()` gives the legs of one lap."""
+    """A mission; `lap()` makes the legs of one lap."""
 
     text: str
     lap: Callable[[], list[Leg]]
 
 
 def legs_of(mission: str, stand_s: float, *, endless: bool) -> Iterator[Leg]:
-    """A standstill, then one lap and a second of standstill, or lap after lap. `mission` is a name of MISSIONS."""
+    """Make a standstill, then one lap and 1 s of standstill, or endless laps. `mission` is a name of MISSIONS."""
     lap = MISSIONS[mission].lap()
     return itertools.chain([Stand(stand_s)], itertools.cycle(lap) if endless else [*lap, Stand(1.0)])
 
 
 def way_of(mission: str) -> Array:
-    """All points that a lap passes, shape (n, 2), n >= 2."""
+    """All points of a lap's paths, shape (n, 2), n >= 2."""
     paths = [leg.path_m for leg in MISSIONS[mission].lap() if isinstance(leg, Follow)]
     return np.concatenate(paths) if paths else np.zeros((2, 2))
 
 
 def _way(*pieces: tuple[float, Callable[[Array], Array] | float]) -> Array:
-    """Points of pieces (length in m, curvature in 1/m: constant, or a function of the part passed)."""
+    """Points of pieces (length in m, curvature in 1/m: constant, or a function of the fraction of the length)."""
     cells = []
     for length_m, curvature in pieces:
         n = max(1, round(length_m / CELL_M))
@@ -111,7 +111,7 @@ def _slalom() -> list[Leg]:
     def weave(u: Array) -> Array:
         return np.asarray(bend_per_m * np.cos(2.0 * math.pi * swings * u))
 
-    # A straight at each end, so that there and back are the same line.
+    # A straight at each end makes the way there and back the same line.
     there = _way((1.0, 0.0), (swings * period_m, weave), (1.0, 0.0))
     return [Follow(there, 1.2), Spin(math.pi, 0.8), Follow(there[::-1], 1.2), Spin(-math.pi, 0.8)]
 

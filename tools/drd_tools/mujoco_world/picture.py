@@ -1,4 +1,4 @@
-"""A picture of what emerged."""
+"""Picture of the emerging motion."""
 
 from collections.abc import Sequence
 from pathlib import Path

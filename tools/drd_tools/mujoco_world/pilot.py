@@ -19,12 +19,12 @@ RATE_LIMIT_RAD_S: Final = 0.9
 CREEP_M_S: Final = 0.05
 SPIN_GAIN_PER_S: Final = 2.0
 SPIN_DONE_RAD: Final = 0.003
-# What the drive's own software multiplies the track with, as makers of such robots do (Husky A200: 1.875).
+# Factor on the track in the drive's own software, as makers of such robots have (Husky A200: 1.875).
 STEERING_RATIO: Final = 1.8
 
 
 class Pilot:
-    """Knows the true pose; what it knows of the robot's own sensors is nothing. Pure pursuit: Coulter (1992)."""
+    """Controller that knows the true pose, but not the robot's own sensors. Pure pursuit: Coulter (1992)."""
 
     def __init__(self, legs: Iterator[Leg], vehicle: Vehicle):
         self._legs = legs
@@ -35,7 +35,7 @@ class Pilot:
         self._next()
 
     def wheels_rad_s(self, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float] | None:
-        """Speeds of the left and right wheels for the next CONTROL_S; None: all legs are done."""
+        """Speeds of the left and right wheels for the next CONTROL_S; None after all legs."""
         if self._yaw_rad is not None:
             self._turned_rad += math.remainder(yaw_rad - self._yaw_rad, 2.0 * math.pi)
         self._yaw_rad = yaw_rad

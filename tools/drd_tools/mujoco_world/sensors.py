@@ -1,4 +1,4 @@
-"""What the robot's sensors and the tracker make of the motion: the other world's sensors, on what MuJoCo drives."""
+"""Readings of the robot's sensors and the tracker: the sensor models of drd_tools.simulate on MuJoCo's motion."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.temperature import warming_c
 
 COUNTS_PER_REVOLUTION: Final = 8192
-# The gyro warms itself up: T = COLD + WARMER (1 - exp(-t / WARMING)), and its bias follows T.
+# Warm-up of the gyro: T = COLD + WARMER (1 - exp(-t / WARMING)); its bias follows T.
 COLD_C: Final = 20.0
 WARMER_C: Final = 8.0
 WARMING_S: Final = 600.0
@@ -32,9 +32,9 @@ class Readings(NamedTuple):
 
 
 def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
-    """Nominal robot: the drawing's track and radius, the data sheets' noise."""
+    """Nominal robot, with track and radius from the drawing and noise from data sheets."""
     return replace(
-        DEFAULT,  # its gyro and its reference, as their data sheets have them
+        DEFAULT,  # for the data-sheet values of gyro and reference
         name=name,
         wheel_radius_m=vehicle.wheel_radius_m,
         counts_per_revolution=float(COUNTS_PER_REVOLUTION),
@@ -45,13 +45,13 @@ def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
 
 
 def read_sensors(motion: Motion, reference: conditions.Reference, seed: int, nominal: Robot | None = None) -> Readings:
-    """Sample the motion. The same arguments give the same bits. The wheels slip by themselves: no noise is added."""
+    """Sample the motion. The same arguments give the same bits. The wheels already slip, so no noise is added."""
     nominal = nominal or nominal_of(Vehicle(), "mujoco", 0.0)
     seen = conditions.Conditions(wheel_noise=0.0, reference=reference)
     felt = _felt(motion, nominal)
     bias = sensors.bias_rad_s(felt.time_s, nominal, 1.0, seed)
     felt.rate_rad_s = felt.rate_rad_s + bias + BIAS_DEG_S_PER_C * RAD_PER_DEG * (felt.temperature_c - COLD_C)
-    left, right = random_of(seed, 13).random(2).tolist()  # where between two counts a wheel stands at first
+    left, right = random_of(seed, 13).random(2).tolist()  # initial fraction of a count, by wheel
     fog = sensors.gyro_log(felt, nominal, (), seen, seed)
     encoders = sensors.encoder_log(felt, felt, nominal, seen, seed, (left, right))
     true = ReferenceLog(motion.time_s, motion.x_m, motion.y_m, motion.heading_rad)
@@ -60,7 +60,7 @@ def read_sensors(motion: Motion, reference: conditions.Reference, seed: int, nom
 
 
 def _felt(m: Motion, nominal: Robot) -> Felt:
-    """Motion that perfect sensors would tell, as means over the rows' intervals."""
+    """Motion as measured by perfect sensors, in means over the rows' intervals."""
     middle_s = 0.5 * (m.time_s[1:] + m.time_s[:-1])
     gyro, left, right = (np.diff(angle) * ROW_HZ for angle in (m.gyro_rad, m.left_rad, m.right_rad))
     return Felt(
@@ -82,7 +82,7 @@ def _felt(m: Motion, nominal: Robot) -> Felt:
 
 
 def gyro_truth(readings: Readings) -> dict[str, float]:
-    """Truth of the gyro that robot.yaml does not state; its bias is that at switch-on + slope (T - COLD_C)."""
+    """True values of the gyro that robot.yaml lacks; its bias is that at switch-on + slope (T - COLD_C)."""
     return {
         "bias_at_switch_on_deg_s": round(readings.bias_deg_s, 9),
         "bias_temperature_deg_s_per_c": BIAS_DEG_S_PER_C,

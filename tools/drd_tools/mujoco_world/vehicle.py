@@ -10,17 +10,17 @@ STEP_S: Final = 0.002
 
 # The tyre: a spring and damper, and friction that is viscous up to its limit, in the "direct" format of MuJoCo's
 # contacts (its documentation, "Solver parameters"). An EMPTY_KG robot sits about 2 mm deep and rocks at some 6 Hz.
-# Trap: the impedance of a default contact is near 1. It makes a sliding wheel rise, more with friction, damping and
+# Pitfall: the impedance of a default contact is near 1. It makes a sliding wheel rise, more with friction, damping and
 # sliding speed, so that a turning robot hops and its effective tread doubles; and a turning robot drifts outward by
-# (centripetal acceleration / damping). With an impedance near 0 little of either is left.
+# (centripetal acceleration / damping). An impedance near 0 nearly removes both.
 EMPTY_KG: Final = 60.0
 IMPEDANCE: Final = 0.02
 STIFFNESS_PER_S2: Final = 1500.0
 DAMPING_PER_S: Final = 50.0
 TANGENTIAL_DAMPING_PER_S: Final = 5.0
 TANGENTIAL_TO_NORMAL_IMPEDANCE: Final = 10.0
-# Explicit integration keeps it below 2 (wheel inertia + armature) / STEP_S = 130. Trap: MuJoCo's implicit integrators
-# damp the wheel after the contact was solved, so that an accelerating robot outruns its wheels by centimetres a second.
+# Explicit integration requires less than 2 (wheel inertia + armature) / STEP_S = 130. Pitfall: MuJoCo's implicit
+# integrators damp the wheel after solving the contact: an accelerating robot outruns its wheels by centimetres per s.
 SERVO_NM_S_PER_RAD: Final = 60.0
 ARMATURE_KG_M2: Final = 0.1
 
@@ -29,8 +29,8 @@ ARMATURE_KG_M2: Final = 0.1
 class Vehicle:
     """Sizes of a Clearpath Husky A200 (its public URDF); masses, motors and the centre of mass are assumed.
 
-    The body frame lies between the four wheels, on the ground. `centre_m`: of the chassis' mass, in that frame;
-    the payload stands at `payload_at_m`.
+    The body frame is between the four wheels, on the ground. `centre_m`: centre of the chassis' mass in that frame;
+    `payload_at_m`: place of the payload.
     """
 
     track_m: float = 0.5708
@@ -57,9 +57,9 @@ class Vehicle:
 
 
 def scene_xml(vehicle: Vehicle, friction: float, bumps: tuple[Bump, ...] = ()) -> str:
-    """The MJCF text: floor, bumps, robot."""
+    """Make the MJCF text: floor, bumps, robot."""
     v, tyre = vehicle, f'solimp="{IMPEDANCE} {IMPEDANCE} 0.001"'
-    # A contact's law is per mass; divided by it, a loaded tyre is pressed in deeper, as a spring is.
+    # MuJoCo's contact law is per mass; scaled this way, a loaded tyre deflects more, like a spring.
     per_mass = EMPTY_KG / v.total_kg
     spring = f'solref="{-STIFFNESS_PER_S2 * per_mass:.9g} {-DAMPING_PER_S * per_mass:.9g}"'
     tangential = f'solreffriction="0 {-TANGENTIAL_DAMPING_PER_S * per_mass:.9g}"'

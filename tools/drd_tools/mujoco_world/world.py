@@ -1,4 +1,4 @@
-"""The physics: MuJoCo steps the robot while the pilot drives it."""
+"""Physics: MuJoCo simulates the robot under the pilot's control."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -42,14 +42,14 @@ class Motion:
 
 
 def random_of(seed: int, source: int) -> np.random.Generator:
-    """Each source of chance has its own numbers."""
+    """Make the random generator of one source."""
     return np.random.default_rng([seed, source])
 
 
 def drive(vehicle: Vehicle, ground: Ground, mission: str, seconds: float | None, stand_s: float, seed: int) -> Motion:
     """Drive laps of `mission` for `seconds`, or one lap. The same arguments, MuJoCo and machine give the same bits.
 
-    Raises RuntimeError where MuJoCo reports that the simulation is unstable.
+    Raises RuntimeError if MuJoCo reports that the simulation is unstable.
     """
     bumps = make_bumps(ground.bumps_per_m, way_of(mission), random_of(seed, 1))
     model: Any = mujoco.MjModel.from_xml_string(scene_xml(vehicle, ground.friction, bumps))
@@ -80,7 +80,7 @@ def drive(vehicle: Vehicle, ground: Ground, mission: str, seconds: float | None,
 
 
 def _lay(model: Any, data: Any, friction: Friction) -> Array:
-    """Give each wheel the friction of the place where it stands; shape (4,)."""
+    """Set each wheel's friction to that of its place; return the coefficients, shape (4,)."""
     under = friction.at(*np.array([data.geom(name).xpos[:2] for name in WHEELS]).T)
     for name, value in zip(WHEELS, under, strict=True):
         model.pair(name).friction[:2] = value
@@ -113,7 +113,7 @@ def _motion(poses: Array, speeds: Array, friction: Array) -> Motion:
 
 
 def turned_about_own_axis_rad(quaternions: Array) -> Array:
-    """Integral of the rate about the body's z axis, shape (n,): what a strapped-down gyro sums up."""
+    """Integral of the rate about the body's z axis, shape (n,), as measured by a strapdown gyro."""
     w, x, y, z = quaternions[:-1].T
     w2, x2, y2, z2 = quaternions[1:].T
     # Vector part of conj(q1) q2, and its scalar part; then the rotation vector.
