@@ -43,7 +43,7 @@ from drd_tools.trial.workers import completed
 SECONDS: Final = 600.0
 BEGIN_S: Final = 150.0
 MISSIONS: Final = ("warehouse", "field", "eights")
-# What begins at BEGIN_S and stays: an effect of the catalogue, its values in SI, or several.
+# Effects of the catalogue that begin at BEGIN_S and stay, with their values in SI.
 CASES: Final[dict[str, dict[str, Values]]] = {
     "nothing": {},
     "left tyre 1 % smaller": {"wheel_radius_error": {"left": -0.01, "right": 0.0}},
@@ -57,7 +57,7 @@ CASES: Final[dict[str, dict[str, Values]]] = {
 
 
 class Change(NamedTuple):
-    """A constant that was taken at `time_s`, or, None, given back; `step`: by how much the pose stepped, m and rad."""
+    """A constant adopted at `time_s`, or dropped (None); `step`: the jump that this caused in the pose, m and rad."""
 
     time_s: float
     name: str
@@ -67,7 +67,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True)
 class Driven:
-    """Poses, the time in ns at which the recording's is 0, and what was taken on the way."""
+    """Poses, the time in ns that is the recording's zero, and the constants adopted and dropped."""
 
     poses: list[Pose]
     zero_ns: int
@@ -75,7 +75,7 @@ class Driven:
 
 
 def driven(recording: Recording, is_on: bool) -> Driven:
-    """A recording through the estimator, with a monitor beside it that it takes constants from where it is on."""
+    """Run a recording through the estimator; if `is_on`, a monitor runs too, whose constants are applied."""
     config, zero_ns = configuration(recording), zero_of(recording.fog, recording.encoders)
     wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
     gyro, _ = gyro_samples(recording.fog, config, zero_ns)
@@ -103,7 +103,7 @@ def driven(recording: Recording, is_on: bool) -> Driven:
 
 
 def position_rms_m(made: Driven, recording: Recording) -> float:
-    """The error of the poses against the reference, turned and shifted onto it as fits best."""
+    """Rms position error against the reference, after the best rotation and shift onto it."""
     time_s = np.array([(p.t_ns - made.zero_ns) * S_PER_NS for p in made.poses])
     poses = Poses(recording.name, time_s, np.array([(p.x_m, p.y_m, p.heading_rad) for p in made.poses]))
     pairs = associate(poses, reference_of(recording), math.inf)
@@ -111,7 +111,7 @@ def position_rms_m(made: Driven, recording: Recording) -> float:
 
 
 def simulated(name: str, seed: int, seconds: float = SECONDS) -> Recording:
-    """A case on a drive of its own, with a reference."""
+    """Simulate a drive of a case, with a reference."""
     truth = make_truth(make_drive(MISSIONS[seed % len(MISSIONS)], seconds, DEFAULT.standstill_at_start_s), "constant")
     made = simulate(truth, DEFAULT, (), Conditions(), seed, name)
     begin = int(np.searchsorted(made.motion.time_s, BEGIN_S))
@@ -120,7 +120,7 @@ def simulated(name: str, seed: int, seconds: float = SECONDS) -> Recording:
 
 
 class Row(NamedTuple):
-    """Position rms of one drive without and with it, m, and what was taken."""
+    """Rms position error of a drive without and with `monitor.apply`, m, and the constants adopted and dropped."""
 
     name: str
     off_m: float
@@ -129,18 +129,18 @@ class Row(NamedTuple):
 
 
 def of_case(name: str, seed: int) -> Row:
-    """Compare a simulated drive with it and without."""
+    """Compare a simulated drive with and without `monitor.apply`."""
     return compared(name, simulated(name, seed))
 
 
 def compared(name: str, recording: Recording) -> Row:
-    """Compare a recording with it and without."""
+    """Compare a recording with and without `monitor.apply`."""
     off, on = (driven(recording, is_on) for is_on in (False, True))
     return Row(name, position_rms_m(off, recording), position_rms_m(on, recording), on.changes)
 
 
 def lines(rows: Iterable[Row]) -> list[str]:
-    """The table: mean rms by name, in how many drives something was taken, and given back."""
+    """Table by case: rms errors, and the number of drives in which a constant was adopted or dropped."""
     by: dict[str, list[Row]] = {}
     for row in rows:
         by.setdefault(row.name, []).append(row)

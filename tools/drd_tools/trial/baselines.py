@@ -1,7 +1,7 @@
-"""Methods of others: sparse regressions of the residual increments on the diagnosis' own library, not whitened.
+"""Competing methods: sparse regressions of the residual increments on the diagnosis' own library, not whitened.
 
-They get the same columns, blocks of BLOCK_S (where the reference is sparser: between its poses), each channel scaled
-by its own scatter, and the gyro's constant bias is taken off. They know nothing of noise that hangs together.
+They get the same columns, summed over BLOCK_S (or between the reference's poses, if these are sparser). Each channel is
+scaled by its own scatter, and the gyro's constant bias is projected out. They ignore correlation of the noise.
 """
 
 import importlib.util
@@ -24,14 +24,14 @@ BLOCK_S: Final = 2.0
 FOLDS: Final = 5
 PENALTIES: Final = 30
 MODELS: Final = 10
-THRESHOLD: Final = 0.1  # pysindy's own; of the residual's scatter, since columns and residual are scaled to 1
+THRESHOLD: Final = 0.1  # pysindy's default; of the residual's scatter, since columns and residual have unit rms
 INCLUDED: Final = 0.6  # share of the models (Fasel et al. 2022)
 MOST: Final = 8
 PACKAGES: Final = {"lasso": "sklearn", "E-SINDy": "pysindy", "BIC": "numpy"}
 
 
 class Regression(NamedTuple):
-    """Residual `y` (n,), columns `X` (n, p), each of unit rms, and whose columns they are."""
+    """Residual `y` (n,) and columns `X` (n, p), each of unit rms, and the effect of each column."""
 
     y: Array
     X: Array
@@ -44,14 +44,14 @@ def is_there(package: str) -> bool:
 
 
 def installed() -> tuple[str, ...]:
-    """Those whose packages are there."""
+    """Names of the methods whose packages are installed."""
     return tuple(name for name, package in PACKAGES.items() if is_there(package))
 
 
 def baselines(
     recording: Recording, names: Sequence[str], learned: Mapping[str, Callable[[Regression], list[str]]] | None = None
 ) -> dict[str, list[str]]:
-    """The effects that each method selects, the most important first. `learned`: methods besides, that were trained."""
+    """Effects that each method selects, the most important first. `learned`: further methods, which were trained."""
     if not names and not learned:
         return {}
     regression = regress(recording)
@@ -106,12 +106,12 @@ def _increments(e: Evidence, sensitivities: Sequence[Sensitivity]) -> tuple[Arra
 
 
 def _against_fixes(e: Evidence, turn: Array, forward: Array, lateral: Array) -> list[tuple[Array, Array]]:
-    """Turn, and ways forward and to the left, between poses: dead reckoning from each less the next. (7)"""
+    """Turn and displacement, forward and to the left, between poses: dead reckoning minus reference. (7)"""
     chosen = [0]
     for i, at_s in enumerate(e.fix_time_s):
         if at_s - e.fix_time_s[chosen[-1]] >= BLOCK_S - 1e-6:
             chosen.append(i)
-    # Poses stand at edges of steps, or nearly so.
+    # Poses are at the edges of steps, or nearly so.
     steps, first_of = np.unique((e.fix_step + 1 - np.round(e.fix_share).astype(int))[chosen], return_index=True)
     fix = e.fix[chosen][first_of]
     if len(steps) < 2:
@@ -137,7 +137,7 @@ def _against_fixes(e: Evidence, turn: Array, forward: Array, lateral: Array) -> 
     c0, s0 = np.cos(fix[:-1, 2]), np.sin(fix[:-1, 2])
     ahead, aside = moved[:, 0] * c0 + moved[:, 1] * s0, moved[:, 1] * c0 - moved[:, 0] * s0
     C, S, F = c[:, None], s[:, None], f[:, None]
-    # The body's own slide is in the reference only.
+    # Only the reference sees the body's lateral slip.
     columns_ahead = summed(forward[first] * C - F * S * off + lateral[first] * S)
     columns_aside = summed(forward[first] * S + F * C * off - lateral[first] * C)
     return [
@@ -151,7 +151,7 @@ def _lasso(r: Regression) -> Array:
     from sklearn.linear_model import LassoCV  # noqa: PLC0415  # an optional extra
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it has not converged for the smallest penalties
+        warnings.simplefilter("ignore")  # the smallest penalties do not converge
         found: Any = LassoCV(alphas=PENALTIES, cv=FOLDS, fit_intercept=False, max_iter=2000, tol=1e-3).fit(r.X, r.y)
     return np.asarray(found.coef_, float)
 
@@ -159,10 +159,10 @@ def _lasso(r: Regression) -> Array:
 def _e_sindy(r: Regression) -> Array:
     import pysindy  # noqa: PLC0415  # an optional extra
 
-    np.random.seed(0)  # pysindy draws from there
+    np.random.seed(0)  # pysindy uses the global generator
     optimizer: Any = pysindy.EnsembleOptimizer(pysindy.STLSQ(threshold=THRESHOLD), bagging=True, n_models=MODELS)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it may drop all columns
+        warnings.simplefilter("ignore")  # it warns if it drops all columns
         optimizer.fit(r.X, r.y[:, None])
     coefficients = np.array(optimizer.coef_list).reshape(MODELS, -1)
     included = (coefficients != 0.0).mean(axis=0) > INCLUDED
@@ -170,7 +170,7 @@ def _e_sindy(r: Regression) -> Array:
 
 
 def forward(r: Regression) -> Array:
-    """Forward selection by n ln(RSS) + k ln n (Schwarz 1978), as if each row had noise of its own."""
+    """Forward selection by n ln(RSS) + k ln n (Schwarz 1978), as if the rows' noise were independent."""
     X, left, chosen = r.X.copy(), r.y.copy(), np.zeros(r.X.shape[1])
     n = len(left)
     for _ in range(MOST):
@@ -189,7 +189,7 @@ def forward(r: Regression) -> Array:
 
 
 def _named(coefficients: Array, effects: Sequence[str]) -> list[str]:
-    """Effects whose columns are not 0, by the largest of them."""
+    """Effects with a nonzero coefficient, sorted by the largest one of each."""
     size: dict[str, float] = {}
     for name, value in zip(effects, np.abs(coefficients).tolist(), strict=True):
         if value:

@@ -1,10 +1,10 @@
-"""The ceiling of each case: how often the best of all methods could name its effects. (93)
+"""Ceiling of each case: how often the best possible method could name its effects. (93)
 
-Of two equally likely names at whitened distance d no method names more than a share Phi(d/2) right, on average of both:
-one that always says the first is right there, and wrong wherever it is the second. So the mean of the ceilings is the
-most that a method can expect of drives of which the nearest rival is as likely; with luck, or by leaning to the names
-of a row, a rate may lie above it. A rival with more free parameters than the effect is not as likely to have just those
-that imitate it, and does not count. What is in no catalogue is set against the nearest name.
+If two names at whitened distance d are equally likely, no method names more than a share Phi(d/2) correctly, averaged
+over both: always giving the first name is right for it, and wrong for the second. The mean of the ceilings is thus the
+highest expected rate if the nearest rival of each drive is equally likely; luck, or a preference for the names of a
+row, can exceed it. A rival with more free parameters than the effect is less likely to have exactly those that imitate
+it, and does not count. Physics that is in no catalogue is compared with the nearest name.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from drd_tools.trial.size import selected_of
 def set_ceilings(
     problem: Problem, truth: Sequence[Selected], rows: Sequence[TrueEffect], beside: Sequence[Selected] = ()
 ) -> None:
-    """Say in the row of each true effect what is nearest in its place, how near, and the ceiling.
+    """Set in the row of each true effect its nearest surrogate, the distance to it, and the ceiling.
 
-    The other true effects, and those that are there `beside`, stay, with other parameters.
+    The other true effects, and those in `beside`, are refitted.
     """
     rivals = Rivals(problem, rival_names(problem))
     for one, row in zip(truth, rows, strict=True):
@@ -36,7 +36,7 @@ def set_ceilings(
 
 
 def set_given(recording: Recording, rows: Sequence[TrueEffect]) -> None:
-    """Set the ceilings of a recording that has its effects already, if all are stated as the catalogue states them."""
+    """Set the ceilings of a recording that already contains its effects, if all have the catalogue's form."""
     if not rows or not all(map(_has_catalogue_form, rows)):
         return
     truth = selected_of([(catalogue()[row.effect], si(row)) for row in rows])
@@ -44,15 +44,15 @@ def set_given(recording: Recording, rows: Sequence[TrueEffect]) -> None:
 
 
 def _has_catalogue_form(row: TrueEffect) -> bool:
-    """Whether an effect is of the catalogue, and has all of its parameters and no other."""
+    """Whether an effect is in the catalogue and has exactly its parameters."""
     effect = catalogue().get(row.effect)
     return effect is not None and row.parameters.keys() == {q.name for q in effect.parameters}
 
 
 def ceiling_of(record: Record) -> float | None:
-    """Ceiling of all its names together, which is the lowest of them; None where nothing is missing, or none is known.
+    """Ceiling of all names together, which is the lowest of theirs; None if nothing is missing or one is unknown.
 
-    One effect exchanged is one pair of equally likely answers.
+    Exchanging one effect makes one pair of equally likely answers.
     """
     known = [e.ceiling for e in record.effects if isinstance(e.ceiling, float)]
     return min(known) if known and len(known) == len(record.effects) else None

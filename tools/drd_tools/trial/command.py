@@ -19,7 +19,7 @@ from drd_tools.trial.run import Others, calls
 from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
 
-NULLS_TIMES = 4  # nulls of each kind, for each case of an effect
+NULLS_TIMES = 4  # nulls of each kind per case of an effect
 
 DESCRIPTION = """\
 Run the diagnosis blind on recordings with known answers and score it: share of recordings in which nothing is missing
@@ -138,7 +138,7 @@ def _fleet(chosen: argparse.Namespace) -> None:
 
 
 def _tell(file: Path, titles: tuple[str, str, str], tables: Sequence[Table], lines: Sequence[str]) -> None:
-    """Print tables and lines, and write them as a page; `titles`: its own, its origin, and the lines'."""
+    """Print tables and lines, and write them as a page; `titles`: the page's, its origin, and that of the lines."""
     from drd_tools.report.page import Page  # noqa: PLC0415  # its template engine is slow
 
     page = Page(titles[0], [titles[1]])
@@ -205,7 +205,7 @@ def _plant(chosen: argparse.Namespace) -> None:
 
 
 def _others(chosen: argparse.Namespace) -> Others:
-    """The other methods whose packages are there; says which are not."""
+    """Other methods whose packages are installed; prints which are not."""
     names = baselines.installed() if chosen.baselines else ()
     missing = [f"{name} (package {baselines.PACKAGES[name]})" for name in baselines.PACKAGES if name not in names]
     if chosen.sbmi and not baselines.is_there(sbmi.PACKAGE):
@@ -216,7 +216,7 @@ def _others(chosen: argparse.Namespace) -> Others:
 
 
 def _drawn(folder: Path, quoting: Path | None) -> int:
-    """Print and draw what the folder holds; quote it."""
+    """Print and draw the results in a folder, and quote them."""
     from drd_tools.trial.page import Content, origin, quote, write_page  # noqa: PLC0415  # matplotlib is slow
 
     head, rows = Store(folder).read()
@@ -242,7 +242,7 @@ def _drawn(folder: Path, quoting: Path | None) -> int:
 
 
 def _again(head: Head, rows: Sequence[Row]) -> list[str]:
-    """Arguments with which each of the cases is drawn again."""
+    """Arguments that draw the same cases again."""
     low, high = head.minutes
     numbers = [int(n) for row in rows if (n := row.case.rpartition("-")[2]).isdigit()]
     made = ["--seed", str(head.seed), "--minutes", f"{low:g}", f"{high:g}", "--reference", head.reference]

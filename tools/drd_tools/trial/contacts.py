@@ -1,4 +1,4 @@
-"""Drives of the MuJoCo world with a nominal model that is calibrated to it."""
+"""Drives of the MuJoCo world, each with a nominal model calibrated to it."""
 
 import math
 from dataclasses import replace
@@ -24,18 +24,18 @@ STANDING: Final = 0.01  # m/s, rad/s
 
 
 class Driven(NamedTuple):
-    """A recording of the MuJoCo world, and the true motion, in terms of the calibrated nominal model, at 100 Hz."""
+    """A recording of the MuJoCo world, and its true motion in terms of the calibrated nominal model, at 100 Hz."""
 
     recording: Recording
     motion: Motion
 
 
 def drive(mission: str, seconds: float, seed: int, friction: float, reference: Reference, name: str) -> Driven:
-    """Drive, and calibrate the nominal model to this very drive by its truth.
+    """Drive, and calibrate the nominal model to this very drive, using its truth.
 
-    Wheel radius and tread are least squares. What speed, yaw rate, their products and their rates of change tell of
-    each side's slip and of the body's sideways motion is taken off, as is the gyro's known drift with temperature;
-    the slip noise on the data sheet is what is left then, so that only the contacts' own irregularity is in the data.
+    Wheel radius and tread are least-squares fits. The part of each side's slip and of the lateral motion that speed,
+    yaw rate, their products and derivatives explain is subtracted, as is the gyro's known drift with temperature. The
+    slip noise on the datasheet is the rest, so that the data contain only the contacts' own irregularity.
     """
     from drd_tools.mujoco_world import measure, sensors, world  # noqa: PLC0415  # mujoco may be missing
     from drd_tools.mujoco_world.ground import Ground  # noqa: PLC0415
@@ -73,12 +73,12 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
 
 
 def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Errors:
-    """The errors that take off all that a calibration could know, by least squares."""
+    """Errors that cancel, by least squares, everything that a calibration could know."""
     v, w = m.speed_m_s, np.gradient(m.heading_rad, m.time_s)
     dv, dw = np.gradient(v, m.time_s), np.gradient(w, m.time_s)
     bent = [v, w, v * np.abs(v), w * np.abs(w), v * w, v * np.abs(w)]
     changing = [dv, dw, v * dv, w * dw, v * dw, w * dv, np.gradient(dv, m.time_s), np.gradient(dw, m.time_s)]
-    # And a table by yaw rate: slip saturates as friction does.
+    # A table by yaw rate as well: slip saturates as friction does.
     knots = np.linspace(w.min(), w.max(), KNOTS)
     moving = np.hypot(v, w) > STANDING
     by_rate = [np.interp(w, knots, unit) * moving for unit in np.eye(KNOTS)]
@@ -90,7 +90,7 @@ def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Er
 
 
 def _slip_m_per_sqrt_m(m: Motion) -> float:
-    """Scatter of each wheel's travel over SLIP_S about what the true motion gives, per root of its travel."""
+    """Scatter of each wheel's travel over SLIP_S about that of the true motion, per square root of its travel."""
     half = 0.5 * m.tread_m * m.rate_rad_s
     step_s = float(m.time_s[1] - m.time_s[0])
     size = round(SLIP_S / step_s)

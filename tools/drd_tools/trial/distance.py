@@ -1,8 +1,8 @@
-"""Whitened distance of two explanations: the part of what one does that the other, fitted to it, cannot do. (93)
+"""Whitened distance of two explanations: the part of one effect's errors that the other cannot reproduce. (93)
 
-`Rivals`: candidates of some effects, and the best variant of each in another's place. `half_square`: half the square of
-what that leaves, in nats. `nearest`: an effect's distances from all that may stand in its place. `ceiling` and `least`:
-how often the best of all methods tells names so far apart.
+`Rivals`: candidates of some effects, and the best variant of each in another's place. `half_square`: half the squared
+residual that this leaves, in nats. `nearest`: distances of an effect from all its surrogates. `ceiling` and `least`:
+how often the best possible method tells names at these distances apart.
 """
 
 import math
@@ -23,12 +23,12 @@ from drd_tools.diagnose.select.intervals import same_window
 from drd_tools.diagnose.select.library import Candidate, columns_of, is_possible, variants
 from drd_tools.diagnose.selected import SCALE, Selected, linear_names
 
-ALIKE: Final = 4.0  # distance below which two are look-alikes: the best method mistakes one in forty
-REFINED: Final = 6  # rivals, the nearest by their variants, that are refined: limits the time
+ALIKE: Final = 4.0  # distance below which two effects are look-alikes: the best method confuses one in forty
+REFINED: Final = 6  # number of rivals refined, the nearest by their variants: limits the time
 
 
 def half_square(residual: Array, held: Array) -> float:
-    """Half the square of a residual (r,) beside columns of prior 1, (r, q), nats."""
+    """Half the square of a residual (r,), nats, after fitting columns (r, q) of unit prior variance."""
     A = Marginal(held).A
     scale = 1.0 / np.sqrt(np.diag(A))
     b = scale * (held.T @ residual)
@@ -37,7 +37,7 @@ def half_square(residual: Array, held: Array) -> float:
 
 
 def rival_names(problem: Problem) -> list[str]:
-    """Effects that may stand in another's place: those that raw readings show by logic are never mistaken."""
+    """Effects that can be surrogates of others: those that raw readings show by logic are never confused."""
     return [x.id for x in catalogue().values() if x.searched and x.channel in problem.evidence.channels]
 
 
@@ -56,8 +56,9 @@ class Rivals:
         self.rows = problem.whiten(sensitivities)
 
     def best(self, name: str, data: Array, held: Array, allowed: Callable[[Selected], bool]) -> Selected | None:
-        """The variant of an effect, with parameters, that explains most of the data (r,) beside columns of prior 1,
-        `held` (r, q), of those that are `allowed`.
+        """Fit the variants of an effect to the data (r,) beside columns `held` (r, q) of unit prior variance.
+
+        Returns the `allowed` one that explains most, with its parameters.
         """
         own = [c for c in self._candidates if c.effect.id == name]
         columns = sorted({i for c in own for i in c.columns})
@@ -78,7 +79,7 @@ class Rivals:
 
 
 class Near(NamedTuple):
-    """A surrogate of an effect (NOTHING: nothing), and its whitened distance from what the effect does."""
+    """A surrogate of an effect (NOTHING: none), and its whitened distance from the effect."""
 
     name: str
     distance: float
@@ -89,12 +90,12 @@ def nearest(
 ) -> list[Near]:
     """Find the surrogates of `one` beside the `others`, whose free parameters adapt, the nearest first.
 
-    Each distance is reached by parameters of the catalogue's plausible range, `most` of them free: it may be too large
-    where the descent ends too early, but is never too small. Causes have the catalogue's form.
+    Each distance is attained by parameters in the catalogue's plausible range, at most `most` of them free: it may be
+    too large if the descent ends too early, but never too small. Causes have the catalogue's form.
     """
     exact = problem.exact().with_data(problem.effect_rows([one, *others]))
     rows, taken = exact.effect_rows([one]), {one.id, *(c.id for c in others)}
-    # Along what is not linear a tangent would promise more than the others can do.
+    # Tangents along nonlinear parameters would promise more than the others can do.
     held = nuisance_design(exact, [replace(c, free=linear_names(c.effect, c.values)) for c in others])
 
     def allowed(c: Selected) -> bool:
@@ -118,7 +119,7 @@ def nearest(
 
 
 def is_usual(selected: Selected) -> bool:
-    """Whether the parameters lie in the catalogue's plausible ranges; a size may be smaller. With nothing beside it."""
+    """Whether the parameters lie in the catalogue's plausible ranges, without SCALE; a size may be smaller."""
     if SCALE.name in selected.values:
         return False
     for q in selected.effect.parameters:
@@ -131,12 +132,12 @@ def is_usual(selected: Selected) -> bool:
 
 
 def ceiling(distances: Sequence[float]) -> float:
-    """Probability that no method can exceed, with which the right one of two equally likely names is told: the truth
-    and the nearest rival, of its `distances`. (93)
+    """Upper limit of the probability of choosing correctly between two equally likely names: the truth and its nearest
+    rival, given the rivals' `distances`. (93)
     """
     return float(ndtr(0.5 * min(distances, default=math.inf)))
 
 
 def least(distances: Sequence[float]) -> float:
-    """Probability that the best method reaches beside all rivals together, sizes known, by the union bound. (93)"""
+    """Probability that the best method attains against all rivals together, sizes known, by the union bound. (93)"""
     return max(0.0, 1.0 - float(sum(ndtr(-0.5 * d) for d in distances)))

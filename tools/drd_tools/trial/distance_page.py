@@ -19,17 +19,17 @@ from drd_tools.trial.figures import Cells
 
 PAGE: Final = "distances.html"
 SHOWN: Final = 20  # pairs in the short table
-# Edges of the classes: the best method errs in one of three, one of six and one of forty where d is 1, 2 and 4.
+# Edges of the classes: at d = 1, 2 and 4 the best method errs in one of three, one of six and one of forty drives.
 EDGES: Final = (0.0, 1.0, 2.0, ALIKE, 8.0, 1e9)
 COLOURS: Final = ("#7A2E00", VERMILION, ORANGE, "#DCEFFA", "#FFFFFF")
 UNSEEN: Final = "#D8D8D8"
-TITLE_LETTERS: Final = 90  # of a line: as many as the picture is wide
+TITLE_LETTERS: Final = 90  # per line: the width of the picture
 HEADER: Final = ("pair", "", "ceiling", "farthest d", "in", "nearest d", "in")
 MANOEUVRES_HEADER: Final = ("", "manoeuvre", f"pairs with d below {ALIKE:g}", "effects not seen")
 
 
 def write_page(distances: Distances, folder: Path) -> list[Path]:
-    """Write the figures, a heat map for each manoeuvre and for the best of them, and the page. Raises ConfigError."""
+    """Write the figures, a heat map of each manoeuvre and of the best per pair, and the page. Raises ConfigError."""
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         files = distances.write(folder)
@@ -61,7 +61,7 @@ CAPTION: Final = (
 
 
 def lead(distances: Distances) -> list[str]:
-    """The message of the matrices, in a sentence or two."""
+    """Summarise the matrices in a sentence or two."""
     pairs = distances.pairs()
     never = sum(p.farthest < ALIKE for p in pairs)
     return [
@@ -73,7 +73,7 @@ def lead(distances: Distances) -> list[str]:
 
 
 def text(distances: Distances) -> str:
-    """The closest pairs, and how many look alike in each manoeuvre, for the terminal."""
+    """Text for the terminal: the closest pairs, and the number of look-alikes in each manoeuvre."""
     pairs = distances.pairs()
     shown = [_cells(distances, p) for p in pairs[:SHOWN]]
     return "\n".join(
@@ -103,7 +103,7 @@ def _cells(distances: Distances, pair: Pair) -> Cells:
 
 
 def _draw(file: Path, title: str, names: Sequence[str], matrix: Array) -> None:
-    """Draw a heat map with the look-alikes in numbers."""
+    """Draw a heat map with the distances of look-alikes as numbers."""
     with picture(file, 12.0, 10.5) as figure:
         axes: Any = figure.subplots()
         colours = ListedColormap(COLOURS).with_extremes(bad=UNSEEN)

@@ -1,8 +1,8 @@
-"""All distances: how far each manoeuvre sets each effect of the catalogue apart from each of the others. (93)
+"""All distances: how well each manoeuvre separates each effect of the catalogue from each of the others. (93)
 
 `measured`: one effect in one manoeuvre; `calls`: all of them. `Distances`: all rows, as a matrix for each manoeuvre,
-and the pairs by how well the best manoeuvre tells them. The robot is the simulator's; its sensors are free of noise,
-and their data sheets weigh what they say.
+and the pairs sorted by how well the best manoeuvre separates them. The robot is the simulator's; its sensors are free
+of noise, and weighted by their datasheets.
 """
 
 import csv
@@ -30,14 +30,14 @@ from drd_tools.simulate.simulator import simulate
 from drd_tools.trial.distance import ALIKE, Rivals, nearest
 from drd_tools.trial.size import NEAR, Whitener, selected_of
 
-MINUTES: Final = 3  # of each drive, so that in some of them the gyro gets cold
-SIZE: Final = 12.0  # distance of each effect from nothing: plainly visible
+MINUTES: Final = 3  # per drive, long enough for the gyro to cool down in some of them
+SIZE: Final = 12.0  # distance of each effect from nothing: clearly detectable
 COLUMNS: Final = ("manoeuvre", "effect", "size", "rival", "distance")
 
 
 class Measured(Struct, frozen=True):
-    """An effect in a manoeuvre: parameters in the catalogue's units, `size` (its distance from nothing), and the
-    distance of each other name, and of nothing. Without any where the manoeuvre cannot show it at a plausible size.
+    """An effect in a manoeuvre: parameters in the catalogue's units, `size` (its distance from nothing), and its
+    distances from each other name and from nothing; none if the manoeuvre cannot show it at a plausible size.
     """
 
     manoeuvre: str
@@ -48,19 +48,19 @@ class Measured(Struct, frozen=True):
 
 
 class Pair(NamedTuple):
-    """Two effects, each of a stated size, and how far apart: by manoeuvre the distance of the nearer way round."""
+    """Two effects of a stated size, and for each manoeuvre the smaller of their two distances from each other."""
 
     names: tuple[str, str]
     by_manoeuvre: dict[str, float]
 
     @property
     def best(self) -> str:
-        """The manoeuvre that tells them best."""
+        """Manoeuvre that separates them best."""
         return max(self.by_manoeuvre, key=lambda m: self.by_manoeuvre[m])
 
     @property
     def worst(self) -> str:
-        """The manoeuvre that tells them least."""
+        """Manoeuvre that separates them least."""
         return min(self.by_manoeuvre, key=lambda m: self.by_manoeuvre[m])
 
     @property
@@ -70,12 +70,12 @@ class Pair(NamedTuple):
 
 
 def calls(seed: int, manoeuvres: Sequence[str] = tuple(MANOEUVRES)) -> list[Callable[[], Measured]]:
-    """One for each manoeuvre and effect. `seed`: of moments, phases and shares of the parameters."""
+    """Make a call for each manoeuvre and effect. `seed`: that of times, phases and ratios of the parameters."""
     return [partial(measured, manoeuvre, name, seed) for manoeuvre in manoeuvres for name in catalogue()]
 
 
 def measured(manoeuvre: str, name: str, seed: int) -> Measured:
-    """The distances of an effect of SIZE from all others. What destroys readings may have a larger one."""
+    """Measure the distances of an effect of SIZE from all others. One that destroys readings may be larger."""
     motion, problem, rivals = _prepared(manoeuvre)
     whitener, effect = Whitener(problem, motion), catalogue()[name]
     random = np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -98,7 +98,7 @@ def _prepared(manoeuvre: str) -> tuple[Motion, Problem, Rivals]:
 
 
 class Distances:
-    """Everything that was measured, and figures of it."""
+    """All measured distances, and figures derived from them."""
 
     def __init__(self, rows: Sequence[Measured]):
         order, names = list(MANOEUVRES), list(catalogue())
@@ -107,17 +107,17 @@ class Distances:
         self.names = names
 
     def matrix(self, manoeuvre: str) -> Array:
-        """Distances (effect, rival); NaN on the diagonal, and in the rows of effects that are not seen."""
+        """Distances (effect, rival); NaN on the diagonal, and in the rows of effects that are not visible."""
         of = {r.effect: r.distances for r in self.rows if r.manoeuvre == manoeuvre}
         return np.array([[of.get(a, {}).get(b, np.nan) if a != b else np.nan for b in self.names] for a in self.names])
 
     def best(self) -> Array:
-        """Distances (effect, rival), each in the manoeuvre that sets the two apart most."""
+        """Distances (effect, rival), each in the manoeuvre that separates the two best."""
         best: Array = np.fmax.reduce([self.matrix(m) for m in self.manoeuvres])
         return best
 
     def pairs(self) -> list[Pair]:
-        """All pairs of which some manoeuvre shows one at least, the least told first."""
+        """All pairs of which some manoeuvre shows at least one, the least separated first."""
         matrices = {m: np.fmin(d, d.T) for m in self.manoeuvres for d in [self.matrix(m)]}
         found = []
         for i, a in enumerate(self.names):

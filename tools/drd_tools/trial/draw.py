@@ -1,4 +1,4 @@
-"""Cases drawn by seed: a drive, its conditions, and effects of the detectability that is asked for."""
+"""Cases drawn by seed: a drive, its conditions, and effects of the requested detectability."""
 
 import zlib
 from collections.abc import Callable
@@ -31,14 +31,14 @@ from drd_tools.trial.results import Answer, Run, Stress, TrueEffect
 from drd_tools.trial.size import Random, Whitener, eventful, selected_of, set_rivals
 from drd_tools.trial.unknown import HIDDEN
 
-TRIES: Final = 30  # drives, until one shows an effect of a plausible size so well
-UNLIKE_NATS: Final = 20.0  # by which what is in no catalogue must do better than the nearest name, without noise
+TRIES: Final = 30  # drives tried until one shows an effect of plausible size with the requested d
+UNLIKE_NATS: Final = 20.0  # by which physics in no catalogue must beat the nearest name, without noise
 LATE_S: Final = 0.005
 SIDEWAYS_M: Final = 0.05
 YAW_DEG: Final = 0.5
 TAILS: Final = 4.0
 FRICTION: Final = (0.8, 1.0)
-CONTACTS_MINUTES: Final = 4.0  # at most: contact physics takes its time
+CONTACTS_MINUTES: Final = 4.0  # at most: contact physics is slow to simulate
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Case:
 
 
 def make(drawing: Drawing, judged: bool = True) -> Case:
-    """Simulate a case; `judged`: with rivals and ceilings. Raises ValueError where no drive shows its effects at a
+    """Simulate a case; `judged`: with rivals and ceilings. Raises ValueError if no drive shows its effects at a
     plausible size.
     """
     random = np.random.default_rng([drawing.seed, zlib.crc32(drawing.name.encode())])
@@ -67,12 +67,12 @@ def make(drawing: Drawing, judged: bool = True) -> Case:
 
 
 def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
-    """One try; None where an effect would be implausible."""
+    """Try one drive; None if an effect would be implausible."""
     names = drawing.effects
     if drawing.detectability and not names:
         names = (reversible()[int(random.integers(len(reversible())))],)
     run, other = (_run(drawing, names, random) for _ in range(2))
-    other = msgspec.structs.replace(other, seconds=run.seconds)  # windows of time are in it, too
+    other = msgspec.structs.replace(other, seconds=run.seconds)  # so that windows of time lie within it, too
     conditions, answer = (
         Conditions(reference=Reference.parse(drawing.reference)),
         Answer(case=drawing.name, kind=drawing.kind, effects=[], drive=run),
@@ -108,12 +108,12 @@ def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
         set_ceilings(whitener.problem, selected_of(found), answer.effects)
     margin = answer.effects[0].margin_nats
     if names[0] in HIDDEN and isinstance(margin, float) and margin < UNLIKE_NATS:
-        return None  # on this drive a name says it all
+        return None  # on this drive a known name explains it as well
     return Case(record(run, found, conditions)[0], found, answer, again)
 
 
 def _run(drawing: Drawing, names: tuple[str, ...], random: Random) -> Run:
-    """Draw a drive on which it makes sense to look for these effects."""
+    """Draw a drive that can show these effects."""
     in_contacts = drawing.world == CONTACTS
     missions = contacts.MISSIONS if in_contacts else [name for name in MISSIONS if name != "stand"]
     mission = missions[int(random.integers(len(missions)))]
@@ -142,7 +142,7 @@ def _in_contacts(run: Run, effects: Effects, conditions: Conditions, name: str) 
 
 
 def _stress(random: Random) -> Stress:
-    """Noise, reference and tails that are worse than on paper."""
+    """Draw noise, tails and a reference that differ from the datasheets."""
     gyro, wheels, reference = random.uniform(0.7, 1.3, 3).tolist()
     latency_s, sideways_m = float(random.uniform(0.0, LATE_S)), float(random.uniform(-SIDEWAYS_M, SIDEWAYS_M))
     return Stress(gyro, wheels, reference, TAILS, latency_s, sideways_m, float(random.uniform(-YAW_DEG, YAW_DEG)))
@@ -160,7 +160,7 @@ def _stressed(conditions: Conditions, stress: Stress) -> Conditions:
 
 
 def _turned(recording: Recording, stress: Stress | UnsetType) -> Recording:
-    """The recording with a reference that is mounted askew."""
+    """Rotate the reference, as if mounted askew."""
     log = recording.reference
     if log is None or not isinstance(stress, Stress):
         return recording

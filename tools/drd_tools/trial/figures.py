@@ -1,6 +1,6 @@
-"""The figures of a trial as tables: printed, put on the page and quoted, but computed here only.
+"""Figures of a trial as tables, for terminal, page and README, computed only here.
 
-A table is columns over groups of pairs, each a record with its score; `Figures` knows the groups.
+A table evaluates columns over groups of pairs, each a record with its score; `Figures` has the groups.
 """
 
 import statistics
@@ -17,7 +17,7 @@ OURS: Final = "drd"
 
 
 class Table(NamedTuple):
-    """`caption` says what is in it; the first column holds text."""
+    """A table with its caption; the first column holds text."""
 
     caption: str
     header: Cells
@@ -137,7 +137,7 @@ class Figures:
         return [p for p in self.pairs if p[0].kind in kinds]
 
     def tables(self) -> list[Table]:
-        """Tables that have anything in them."""
+        """Tables that are not empty."""
         kinds, named = self._groups(self.kinds), self._groups(self.named_kinds)
         apart = [(f"{k}, separable", chosen) for k, pairs in named if (chosen := list(filter(_is_separable, pairs)))]
         driven = [(k, [p for p in pairs if p[1].worse_path is not None]) for k, pairs in kinds]
@@ -194,7 +194,7 @@ class Figures:
         return Table(TITLES["drives"], header, cells)
 
     def quoted(self) -> Table:
-        """The few figures that a reader asks for first, beside other methods."""
+        """The key figures, next to those of other methods."""
         rows: list[Cells] = []
 
         def add(text: str, pairs: Sequence[Pair], yes: Callable[[Score], bool], bounded: bool = False) -> None:
@@ -259,7 +259,7 @@ def by_effect(pairs: Sequence[Pair]) -> list[Group]:
 
 
 def by_method(name: str, pairs: Sequence[Pair]) -> list[Pair]:
-    """Replace the scores by those of a method, for the records that it has seen."""
+    """Replace the scores by those of a method, for the records on which it ran."""
     return [(r, s if name == OURS else of_names(r, name)) for r, s in pairs if name == OURS or name in r.baselines]
 
 
@@ -268,7 +268,7 @@ def _with_all(groups: list[Group]) -> list[Group]:
 
 
 def markdown(table: Table) -> str:
-    """The table as a README has it."""
+    """Format a table in Markdown."""
     rule = ["---", *["---:"] * (len(table.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in (table.header, rule, *table.rows)) + "\n"
 
@@ -295,12 +295,12 @@ def quantile(values: Sequence[float], quarter: int = 2) -> str:
 
 
 def _kind_order(kind: str) -> tuple[str, float, str]:
-    """Single d=8 before d=12."""
+    """Sort key: single d=8 before d=12."""
     name, _, d = kind.partition(" d=")
     return name, float(d or 0.0), kind
 
 
 def _is_separable(pair: Pair) -> bool:
-    """Whether no other name, nor one less, would do as well without noise."""
+    """Whether no other name, nor omitting one, would do as well without noise."""
     effects = pair[0].effects
     return bool(effects) and all(e.separable is True for e in effects)

@@ -1,6 +1,6 @@
-"""`drd trial --fleet`: how often the statistics of a fleet are right, night after night.
+"""`drd trial --fleet`: how often the statistics of a fleet are right, evening by evening.
 
-`judged` draws a fleet, and analyses what is there on each evening, as a nightly job would; `tables` counts.
+`judged` draws a fleet and analyses the data available on each evening, as a nightly job would; `tables` counts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,12 +28,12 @@ REFITTED: Final = 7  # days between estimates of the population
 IN_TIME: Final = 3  # recordings
 DATED: Final = 1  # recordings
 NEAR: Final = 3  # recordings by which a change may be misdated and still be that change
-GROUP_NEAR: Final = 7.0  # days; of a floor or a batch
+GROUP_NEAR: Final = 7.0  # days; the same for a floor or a batch
 BEGIN_DAY: Final = BEGIN.timestamp() / S_PER_DAY
 
 
 class Change(Struct, frozen=True, kw_only=True):
-    """A true change of a robot's constant, and what was said of it. `after`: recordings until it was found."""
+    """A true change of a robot's constant, and how it was reported. `after`: recordings until it was found."""
 
     who: str
     name: str
@@ -50,7 +50,7 @@ class Change(Struct, frozen=True, kw_only=True):
 
 
 class FleetRow(Struct, frozen=True, kw_only=True):
-    """A fleet. `false`: sentences about what was said and is not; `misled`: a robot blamed for its floor or batch."""
+    """Result of one fleet. `false`: reports of changes that do not exist; `misled`: a robot blamed for its group's."""
 
     seed: int
     robot_days: float
@@ -64,14 +64,14 @@ class FleetRow(Struct, frozen=True, kw_only=True):
 
 @dataclass
 class Said:
-    """An event as it was said: on the evenings from `since` on, last as `event`."""
+    """An event as reported: first on the evening `since`, most recently as `event`."""
 
     since: int
     event: Event
 
 
 def run(seeds: Sequence[int], jobs: int, robots: int = ROBOTS, days: int = DAYS) -> Iterator[FleetRow]:
-    """Rows as they are ready."""
+    """Yield rows as they become ready."""
     return completed([partial(judged, seed, robots, days) for seed in seeds], jobs)
 
 
@@ -98,7 +98,7 @@ def judged(seed: int, robots: int = ROBOTS, days: int = DAYS) -> FleetRow:
 
 
 def _note(said: list[Said], found: Sequence[Event], evening: int) -> None:
-    """Note events; one that is said again is the same where its dates meet."""
+    """Record events; one that is reported again is the same if its dates overlap."""
     for event in found:
         for old in said:
             o = old.event
@@ -112,7 +112,7 @@ def _note(said: list[Said], found: Sequence[Event], evening: int) -> None:
 
 
 def _truths(fleet: Fleet, days: list[Drive]) -> Iterator[tuple[Happening, float, float]]:
-    """Happenings of robots, their size and day; what ends is another, back."""
+    """Changes of single robots, with size and day; the end of one counts as another, in reverse."""
     end = max(d.day for d in days)
     for h in fleet.happenings:
         if h.kind == "robot":
@@ -141,7 +141,7 @@ def _scored(
                 continue
             k = int(np.searchsorted(times, e.day - BEGIN_DAY - 1e-6))
             low_k, high_k = true_k - NEAR, true_k + NEAR
-            if is_creep:  # it may be noted anywhere on its way
+            if is_creep:  # it may be noticed at any time while it grows
                 low_k, high_k = low_k - NEAR, int(np.searchsorted(times, h.until or np.inf))
             if low_k <= k <= high_k:
                 mine.append((i, k))
@@ -176,7 +176,7 @@ def _change(
         return base
     s, k = min(mine, key=lambda one: one[0].since)
     begin_k = true_k
-    if is_creep and h.until is not None:  # found, once so much is lost as the goals are stated for
+    if is_creep and h.until is not None:  # counted from the loss for which the goals are stated
         full = day + (h.until - day) * min(1.0, 0.005 / abs(h.size))
         begin_k = int(np.searchsorted(times, full))
     after = int(np.searchsorted(times, s.since)) - begin_k
@@ -194,7 +194,7 @@ def _blame(blamed: dict[tuple[str, str, str], float], h: Happening) -> float | N
 
 
 def _is_group(e: Event, fleet: Fleet) -> bool:
-    """Whether it is what the robot's place or batch does."""
+    """Whether an event is a change of the robot's place or batch."""
     mine, day = {*fleet.places[e.robot], fleet.batch[e.robot]}, e.day - BEGIN_DAY
     groups = [h for h in fleet.happenings if h.kind != "robot" and h.name == e.name and h.who in mine]
     return any(abs(day - h.day) <= GROUP_NEAR for h in groups)
@@ -209,7 +209,7 @@ def _line(s: Said) -> str:
 
 
 def tables(rows: Sequence[FleetRow]) -> list[Table]:
-    """Tables of the changes that are found, when, and of those that are not there."""
+    """Tables of the changes found, with their delay, and of false ones."""
     every = [c for r in rows for c in r.changes]
     radii = [c for c in every if c.name in RADII and c.form == "step"]
     kinds = {

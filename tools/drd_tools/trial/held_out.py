@@ -1,4 +1,4 @@
-"""The worth of a diagnosis on another drive of the same robot, beside an oracle that knows what is true."""
+"""Benefit of a diagnosis on another drive of the same robot, compared with an oracle that knows the truth."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _Ranged = tuple[Selected, Ranges]
 
 
 def judged(result: Analysis, truth: Effects, other: Recording) -> OtherDrive:
-    """`other`'s mismatch before, with what was found, and with what is true (the oracle), all with values as they are.
+    """Mismatch of `other` uncorrected, with the effects found, and with the true ones (the oracle), none refitted.
 
     In the residual the reference's own nuisances are fitted. With hidden physics there is no oracle of the path.
     """
@@ -51,7 +51,7 @@ def judged(result: Analysis, truth: Effects, other: Recording) -> OtherDrive:
 
 
 def _corrected(problem: Problem, selection: Sequence[_Ranged]) -> float:
-    """Around the path as it is, or around the one without the selected effects: whichever is nearer to the truth."""
+    """Squares around the nominal path or around the one without the selected effects, whichever are smaller."""
     return min(_squares(p, selection) for p in (problem, problem.around([selected for selected, _ in selection])))
 
 
@@ -61,7 +61,7 @@ def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
 
 
 def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
-    """Rows that a selected effect explains, its covariate held to the range in which it was seen, as in model.yaml."""
+    """Rows that a selected effect explains, with its covariate clipped to the observed range, as in model.yaml."""
     return problem.along(partial(within, ranges=seen)).effect_rows([selected])
 
 

@@ -1,6 +1,6 @@
 """`drd trial --live`: how often the monitor is right while a robot drives.
 
-`judged` simulates and monitors a case, blind; `run` all of them; `live_cases` draws them, `live_figures` counts.
+`judged` simulates a case and monitors it, blind; `run` does all; `live_cases` draws them, `live_figures` counts.
 """
 
 import time
@@ -30,12 +30,12 @@ from drd_tools.trial.workers import completed
 RESULTS: Final = "live.jsonl"
 OLD: Final = "live.old.jsonl"
 REMEMBERED: Final = Constants(dict.fromkeys(KNOWN_SIGMAS, 0.0), KNOWN_SIGMAS)  # of a robot that has not changed
-# Names of one and the same thing where there is no reference: scale times tread, whenever and wherever it begins.
+# Indistinguishable without a reference: all change scale times tread, whenever and wherever it begins.
 ALIKE: Final = frozenset({"tread_error", "gyro_scale_error", "terrain_tread"})
 
 
 class Said(Struct, frozen=True):
-    """A finding as it came: when it was named, since when, what fits, and how likely its first name was in the end.
+    """A finding: when it was named, its onset, its look-alikes, and the final probability of its first name.
 
     `is_wrong`: for some time neither its name nor one of its look-alikes was right, or nothing had begun.
     """
@@ -49,10 +49,10 @@ class Said(Struct, frozen=True):
 
 
 class LiveRow(Struct, frozen=True, kw_only=True):
-    """The monitor's answer to a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
+    """The monitor's answer to a case. `begin_s`: the effect's onset, or None if there is none. `limit_s`: deadline.
 
-    `seen_d`: how far it can be told from nothing by then, in deviations. `suspected_s`: when each suspicion began.
-    `sigmas`: errors of its parameters in their own deviations, of the finding with its name. `build`: the monitor's.
+    `seen_d`: detectability of the effect by then. `suspected_s`: when each suspicion began. `sigmas`: errors of the
+    parameters over their own standard deviations, in the finding with the right name. `build`: the monitor's.
     """
 
     case: Case
@@ -70,24 +70,24 @@ class LiveRow(Struct, frozen=True, kw_only=True):
 
     @property
     def right(self) -> Said | None:
-        """The first finding whose class has the name."""
+        """The first finding whose class contains the right name."""
         return next((s for s in self.said if not s.is_wrong and s.effect != UNKNOWN), None)
 
     @property
     def is_timely(self) -> bool:
-        """Whether that one came in time."""
+        """Whether the right finding came in time."""
         return self.right is not None and self.right.named_s <= self.limit_s + TURN_S
 
     @property
     def is_told(self) -> bool:
-        """Whether that one, or that something is there, came in time."""
+        """Whether a right finding or a suspicion came in time."""
         begin_s = self.begin_s or 0.0
         told_s = [s.named_s for s in self.said if not s.is_wrong] + self.suspected_s
         return any(begin_s <= s <= self.limit_s + TURN_S for s in told_s)
 
 
 class Watch:
-    """Keeps what the monitor tells, as it comes."""
+    """Record of the monitor's findings and suspicions, as they come."""
 
     def __init__(self, right: frozenset[str], begin_s: float):
         self._right, self._begin_s = right, begin_s
@@ -116,20 +116,20 @@ class Watch:
 
 
 class Kept:
-    """The rows in a folder, a line of JSON for each, added as it is ready, so that a stopped trial goes on."""
+    """Rows in a folder, a line of JSON each, added as they become ready, so that a stopped trial can resume."""
 
     def __init__(self, folder: Path):
         self._file = folder / RESULTS
         self._build = fingerprint("drd.effects", "drd.monitor", "drd_tools.simulate", "drd_tools.trial.live_cases")
 
     def begin(self) -> set[Case]:
-        """The cases that are there; those of another build are moved aside. Raises ConfigError, OSError."""
+        """Return the cases already done; results of another build are moved aside. Raises ConfigError, OSError."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
         rows = self.read() if self._file.exists() else []
         if any(row.build != self._build for row in rows):
             self._file.replace(self._file.with_name(OLD))
             rows = []
-        self._file.write_bytes(b"".join(map(_line, rows)))  # without a line that was cut off
+        self._file.write_bytes(b"".join(map(_line, rows)))  # drops a truncated last line
         return {row.case for row in rows}
 
     def add(self, row: LiveRow) -> None:
@@ -138,7 +138,7 @@ class Kept:
             out.write(_line(msgspec.structs.replace(row, build=self._build)))
 
     def read(self) -> list[LiveRow]:
-        """The rows that are there; a last line that was cut off does not count. Raises ConfigError."""
+        """Read the rows; a truncated last line does not count. Raises ConfigError."""
         try:
             lines = self._file.read_bytes().split(b"\n")[:-1]
             return [msgspec.json.decode(line, type=LiveRow) for line in lines]
@@ -151,7 +151,7 @@ def _line(row: LiveRow) -> bytes:
 
 
 def run(cases: Sequence[Case], jobs: int) -> Iterator[LiveRow]:
-    """Rows as they are ready."""
+    """Yield rows as they become ready."""
     return completed([partial(judged, case) for case in cases], jobs)
 
 
@@ -202,11 +202,11 @@ def _names(effect: Effect | None) -> frozenset[str]:
 
 def _sigmas(effect: Effect, values: Values, told: dict[str, Size | str]) -> list[float]:
     found: list[float] = []
-    if any(q.fixed for q in effect.parameters):  # what it counts from is another
+    if any(q.fixed for q in effect.parameters):  # it counts from another origin
         return found
     for q in effect.parameters:
         size = told.get(q.name)
-        # An angle counts from where the monitor began.
+        # An angle counts from the monitor's start.
         if isinstance(size, Size) and size.std > 0.0 and q.name in values and not (q.moment or q.is_angle):
             found.append((size.value - float(values[q.name]) / q.si) / size.std)
     return found

@@ -1,4 +1,4 @@
-"""Drives on which an effect begins in mid-run, or the ground changes, or nothing does: drawn by name and seed."""
+"""Drives on which an effect begins in mid-run, the ground changes, or nothing happens: drawn by name and seed."""
 
 import math
 import zlib
@@ -33,31 +33,31 @@ from drd_tools.simulate.truth import make_truth
 from drd_tools.trial.overlay import overlaid, planted
 from drd_tools.trial.size import eventful, scaled
 
-DISTANCES: Final = (8.0, 12.0, 25.0)  # of WAY_M
-WAY_M, TIME_S = 100.0, 60.0  # within one of which a name is in time
+DISTANCES: Final = (8.0, 12.0, 25.0)  # over WAY_M
+WAY_M, TIME_S = 100.0, 60.0  # a name within either is in time
 MINUTES: Final = 8.0
-TURN_S: Final = 4.0  # the monitor judges every so often
-BEHIND_S: Final = 1.0  # and so long after the data
+TURN_S: Final = 4.0  # interval of the monitor's decisions
+BEHIND_S: Final = 1.0  # their delay behind the data
 TRIES: Final = 25
 BEGINS: Final = (0.25, 0.5)  # share of the steps in motion
 NULLS: Final = ("plain", "stressed", "asphalt", "floors", "mujoco")
-FRICTION: Final = (0.4, 0.8)  # of a skid-steer robot's ground in the other world
-FLOOR_S, FLOOR_TREAD = (20.0, 90.0), (0.05, 0.3)  # other ground: for how long, and by how much
+FRICTION: Final = (0.4, 0.8)  # ground of the skid-steer robot in MuJoCo
+FLOOR_S, FLOOR_TREAD = (20.0, 90.0), (0.05, 0.3)  # other ground: duration, and change of tread
 STRESS: Final = (0.7, 1.3)
 TAILS: Final = 4.0
 GOING_M_S: Final = 0.1
 ROW_S: Final = 0.1
 SIZED, ROUNDS, SMALL = 0.02, 12, 1e-3
-# Prior deviations of the constants that are estimated beside an effect: bias (rad/s), turn, distance over tread, the
-# wheels' lag (s); a memory of earlier drives leaves as much.
+# Prior standard deviations of the constants estimated with an effect, as a memory of earlier drives leaves them: bias
+# (rad/s), turn, distance over tread, the wheels' lag (s).
 NUISANCES: Final = (3.5e-4, 0.003, 0.0003, 0.002)
-BIAS_STEP_S: Final = 20.0  # the gyro's bias walks
+BIAS_STEP_S: Final = 20.0  # step of the gyro bias's random walk
 
 
 class Case(Struct, frozen=True):
-    """A case that can be drawn again from this. `kind`: an effect's name, or one of NULLS; `d`: of 100 m.
+    """A case, which can be drawn again from this. `kind`: an effect's name, or one of NULLS; `d`: over 100 m.
 
-    `remembers`: the monitor begins with what a memory of the robot's earlier drives would tell it.
+    `remembers`: the monitor begins with the constants that a memory of earlier drives would give it.
     """
 
     name: str
@@ -69,9 +69,9 @@ class Case(Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Drawn:
-    """A recording and its answer. `begin_s`: None: nothing begins; `limit_s`: until when a name is in time.
+    """A recording and its answer. `begin_s`: onset, None if there is none; `limit_s`: deadline for a name.
 
-    `seen_d`: its distance by then, beside constants as unsure as the monitor has them.
+    `seen_d`: the effect's detectability by then, with the monitor's own uncertainty of the constants.
     """
 
     recording: Recording
@@ -83,13 +83,13 @@ class Drawn:
 
 
 def seen_live() -> list[Effect]:
-    """Effects that begin in mid-run and that a monitor can see."""
+    """Effects that can begin in mid-run and that a monitor can see."""
     diagnosed = (e for e in catalogue().values() if e.is_diagnosed)
     return [e for e in diagnosed if not e.needs_position and e.begins is not Begins.POWER_ON]
 
 
 def cases(each: int, nulls: int, seed: int, remembers: bool = False) -> list[Case]:
-    """Cases: so many of each effect and d, and so many nulls of each kind, which come first."""
+    """Cases: `nulls` of each kind of null first, then `each` of each effect and d."""
     found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed, remembers) for n in range(nulls) for kind in NULLS]
     for n in range(each):
         for effect in seen_live():
@@ -99,7 +99,7 @@ def cases(each: int, nulls: int, seed: int, remembers: bool = False) -> list[Cas
 
 
 def drawn(case: Case) -> Drawn | None:
-    """The case, simulated; None where no drive shows it at a plausible size."""
+    """Simulate a case; None if no drive shows it at a plausible size."""
     random = np.random.default_rng([case.seed, zlib.crc32(case.name.encode())])
     tries = (_drawn(case, random) for _ in range(TRIES))
     return next((found for found in tries if found is not None), None)
@@ -144,7 +144,7 @@ def _drawn(case: Case, random: Random) -> Drawn | None:
 
 
 def _in_mujoco(random: Random) -> Drawn | None:
-    """A skid-steer robot in the other world, nothing missing; None where MuJoCo is not installed."""
+    """Drive a skid-steer robot in MuJoCo, nothing missing; None if MuJoCo is not installed."""
     try:
         from drd_tools.mujoco_world import ground, missions, sensors, vehicle, world  # noqa: PLC0415  # an extra
     except ModuleNotFoundError as error:
@@ -162,7 +162,7 @@ def _in_mujoco(random: Random) -> Drawn | None:
 
 
 def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
-    """Steps: where it begins, after WAY_M from there, and until when a name is in time."""
+    """Draw the step of the onset; return it, the step WAY_M later, and the deadline for a name."""
     distance = np.cumsum(np.abs(m.speed_m_s)) * STEP_S
     going = np.flatnonzero(np.abs(m.speed_m_s) + 0.5 * m.tread_m * np.abs(m.rate_rad_s) > GOING_M_S)
     begin, last = (
@@ -176,7 +176,7 @@ def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
 def _destroying(
     recording: Recording, m: Motion, effect: Effect, times_s: tuple[float, float], random: Random
 ) -> Drawn | None:
-    """An effect that destroys readings, since the time when it begins."""
+    """Plant an effect that destroys readings, from its onset on."""
     values = eventful(m, effect, random)
     if values is None:
         return None
@@ -193,7 +193,7 @@ def _destroying(
 
 
 def since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors:
-    """The effect's errors, which begin at a step of the motion."""
+    """Errors of an effect that begins at a step of the motion."""
     t0 = float(motion.time_s[begin]) if effect.begins is Begins.GROWING else 0.0
     moved = replace(motion, time_s=motion.time_s - t0, end_s=motion.end_s - t0)
     on = (np.arange(len(motion.time_s)) >= begin).astype(float)
@@ -201,14 +201,14 @@ def since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors:
 
 
 def sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: Random) -> Values | None:
-    """Values (SI) whose whitened distance is d by the last of two steps, begun at the first; None: not plausible."""
+    """Values (SI) with detectability d by the second of two steps, from an onset at the first; None: not plausible."""
     begin, limit = steps
     side = "left" if random.random() < 0.5 else "right"
     chance = Chance(side, float(m.time_s[begin]), m.end_s, *map(float, random.random(6)))
     values: dict[str, Any] = {**effect.variants(m)[0], **effect.drawn(m, chance)}
     chosen = _sizes(effect)
     values |= {q.name: q.neutral for q in effect.parameters if q.linear and not q.choices}
-    if len(chosen) > 1 and not chosen[0].signed:  # of two of which only the difference shows, one
+    if len(chosen) > 1 and not chosen[0].signed:  # only their difference shows: vary one of the two
         chosen = [chosen[int(random.integers(2))]]
     for q in chosen:
         share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
@@ -221,14 +221,14 @@ def sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: R
 
 
 def _sizes(effect: Effect) -> list[Parameter]:
-    """Parameters that say how large an effect is, as far as it shows without a reference."""
+    """Parameters that set the size of an effect, as far as it shows without a reference."""
     found = [q for q in effect.parameters if not (q.choices or q.moment or q.fixed)]
     found = [q for q in found if q.linear or not effect.linear()]
     return [q for q in found if q.name == effect.essential] if effect.essential else found
 
 
 def detectability(errors: Errors, motion: Motion, limit: int, nuisances: Sequence[float] = NUISANCES) -> float:
-    """Whitened norm of the errors in rows of the wheels' turn less the gyro's until a step, beside nuisances."""
+    """Whitened norm of the errors in rows of wheel turn minus gyro turn up to a step, nuisances projected out."""
     size = round(ROW_S / STEP_S)
     n = limit // size
 

@@ -23,7 +23,7 @@ HEADER: Final = [
 
 
 def tables(rows: Sequence[LiveRow]) -> list[Table]:
-    """Tables by d, by effect, of what is not there, and of how honest probabilities and intervals are."""
+    """Tables by d, by effect, of false names, and of the calibration of probabilities and intervals."""
     made = [r for r in rows if r.is_made]
     effects = [r for r in made if r.case.kind not in NULLS]
     by_d = [_line(f"d={d:g}" if d else "events", [r for r in effects if r.case.d == d]) for d in (*DISTANCES, 0.0)]
@@ -37,9 +37,9 @@ def tables(rows: Sequence[LiveRow]) -> list[Table]:
 
 
 def ceiling(d: float, seconds: float) -> float:
-    """Probability that any detector names an effect of d deviations, `seconds` after it began, (98).
+    """Highest probability that a detector names an effect of detectability d, `seconds` after its onset. (98)
 
-    It knows form and size, watches as many effects as are drawn, and names one falsely in GOAL_S.
+    The detector knows form and size, watches as many effects as are drawn, and gives one false name in GOAL_S.
     """
     if d <= 0.0:
         return 0.0
@@ -48,7 +48,7 @@ def ceiling(d: float, seconds: float) -> float:
 
 
 def most_by_chance(count: int) -> float:
-    """Mean of a Poisson distribution that leaves so few, or fewer, with a probability of 5 %."""
+    """Mean of the Poisson distribution that gives at most `count` with a probability of 5 %."""
     return float(0.5 * chi2.ppf(0.95, 2 * count + 2))
 
 
@@ -96,7 +96,7 @@ def _nulls(made: Sequence[LiveRow]) -> Table:
 
 def _honesty(rows: Sequence[LiveRow], made: Sequence[LiveRow], effects: Sequence[LiveRow]) -> Table:
     sigmas = [x for r in effects for x in r.sigmas]
-    # The name as it is in the end, and its probability.
+    # The final name and its probability.
     pairs = [(s.probability, s.effect == r.case.kind) for r in effects if (s := r.right) is not None]
     pairs += [(s.probability, s.effect == r.case.kind and s.named_s >= (r.begin_s or 0.0))
               for r in made for s in r.said if s.is_wrong]  # fmt: skip
@@ -113,7 +113,7 @@ def _honesty(rows: Sequence[LiveRow], made: Sequence[LiveRow], effects: Sequence
 
 
 def lines(rows: Sequence[LiveRow]) -> list[str]:
-    """Each case with something wrong, or not named in time."""
+    """Lines on each case with a wrong name, or not named in time."""
     found = []
     for r in rows:
         is_late = r.case.kind not in NULLS and not r.is_timely

@@ -1,7 +1,7 @@
-"""Effects put onto a recording that exists already, whatever world it comes from.
+"""Add effects to an existing recording, whatever world it comes from.
 
-`overlaid`: along a true motion that is known. `planted`: into the raw rows of real sensors, along the motion that they
-recorded themselves: `recorded_motion`. The sensors' noise is the recording's own, and effects act on it as on the rest.
+`overlaid`: along a known true motion. `planted`: in the raw rows of real sensors, along the motion that they recorded
+themselves, `recorded_motion`. The sensor noise is the recording's own, and effects act on it as well.
 """
 
 import math
@@ -19,14 +19,14 @@ from drd_tools.recordings.folder import Recording
 
 Effects = Sequence[tuple[Effect, Values]]
 
-SPEED_SMOOTHING_S: Final = 0.2  # whole counts, and speeds that a drive holds, are no acceleration
+SPEED_SMOOTHING_S: Final = 0.2  # so that quantisation of counts and speeds does not look like acceleration
 STANDSTILL_S: Final = 1.0  # at least
 
 
 def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> Recording:
-    """The recording with the `errors` of effects along its true `motion`.
+    """Add the `errors` of effects along the true `motion` to a recording.
 
-    Of several together, second-order terms are left out. Counts are rounded again, rates are not.
+    Second-order terms between several effects are omitted. Counts are rounded again, rates are not.
     """
 
     def gained(rates: Sequence[Array | float], at_s: Array) -> Array:
@@ -41,7 +41,7 @@ def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> 
     made = _with_travel(recording, *travel)
     if fog is not None:
         edges = _edges_s(fog.time_s)
-        # Rounded twice, a small rate would be lost or doubled in one sample after the other.
+        # Rounding twice would lose or double a small rate in every sample.
         turned = np.diff(gained([e.gyro_rad_s for e in errors], edges)) / np.diff(edges)
         made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + turned))
     if reference is None:
@@ -54,10 +54,9 @@ def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> 
 
 
 def planted(recording: Recording, effect: Effect, values: Values, reference_lag_s: float = 0.0) -> Recording:
-    """The recording with an effect (values in SI) in the raw rows of each of its sensors.
+    """Add an effect (values in SI) to the raw rows of each sensor of a recording.
 
-    An effect of the body moves the reference's positions instead, since no sensor of the robot tells it: by its lag
-    later.
+    An effect of the body moves the reference's positions instead, later by its lag: no sensor of the robot sees it.
     """
     fog, reference, log = recording.fog, recording.reference, recording.encoders
     m, step_s = recorded_motion(recording, log.time_s), np.diff(_edges_s(log.time_s))
@@ -72,7 +71,7 @@ def planted(recording: Recording, effect: Effect, values: Values, reference_lag_
         x, y = (np.interp(at_s, log.time_s, np.cumsum(slide * part)) for part in parts)
         made = _with_slide(made, x, y)
     if fog is not None:
-        # The gyro's own rows: a limit clips, and a delay moves, its noise too.
+        # From the gyro's own rows: a limit clips its noise too, and a delay shifts it.
         own = effect.error(recorded_motion(recording, fog.time_s), values).gyro_rad_s
         made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + own))
     return made
@@ -81,8 +80,8 @@ def planted(recording: Recording, effect: Effect, values: Values, reference_lag_
 def recorded_motion(recording: Recording, time_s: Array) -> Motion:
     """Motion as the sensors recorded it: means over the intervals that end at `time_s` (n,); body speed is smoothed.
 
-    Rows of a sensor's own times hold its raw values. Without a gyro the yaw rate is that of the wheels, without a
-    reference the heading is the rate's integral. Raises ConfigError where there are no wheels.
+    At a sensor's own times these are its raw values. Without a gyro the yaw rate is that of the wheels; without a
+    reference the heading is the rate's integral. Raises ConfigError if there are no wheels.
     """
     fog, log, nominal = recording.fog, recording.encoders, recording.nominal
     edges = _edges_s(time_s)
@@ -122,11 +121,11 @@ def recorded_motion(recording: Recording, time_s: Array) -> Motion:
 
 
 def _with_travel(recording: Recording, left_m: Array, right_m: Array) -> Recording:
-    """The recording with travel since the start, (n,), added to its wheels' rows."""
+    """Add travel since the start, (n,), to the wheels' rows of a recording."""
     log, wheel = recording.encoders, recording.nominal
     if log.left_counts is not None and log.right_counts is not None and wheel.counts_per_revolution is not None:
         count_m = 2.0 * math.pi * wheel.wheel_radius_m / wheel.counts_per_revolution
-        # A count stands for the whole of its length: its middle is the best guess of where the wheel was.
+        # A count covers an interval of travel, whose middle is the best estimate of the wheel's position.
         left, right = (
             np.floor(counts + 0.5 + added / count_m)
             for counts, added in ((log.left_counts, left_m), (log.right_counts, right_m))
@@ -143,12 +142,12 @@ def _with_travel(recording: Recording, left_m: Array, right_m: Array) -> Recordi
 
 
 def _with_slide(recording: Recording, x_m: Array, y_m: Array) -> Recording:
-    """The recording with the reference's positions moved."""
+    """Shift the reference's positions of a recording."""
     log = recording.reference
     assert log is not None
     return replace(recording, reference=replace(log, x_m=log.x_m + x_m, y_m=log.y_m + y_m))
 
 
 def _edges_s(time_s: Array) -> Array:
-    """Times at which the rows' intervals begin and end, (n + 1,): the first is as long as the second."""
+    """Edges of the rows' intervals, (n + 1,); the first interval is as long as the second."""
     return np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s])

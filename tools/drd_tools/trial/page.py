@@ -1,4 +1,4 @@
-"""The pages of figures, and the short table that a README quotes: generated, never typed."""
+"""Generate the page of figures, and the short table that a README quotes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ BEGIN, END = "<!-- figures of drd trial -->", "<!-- end of figures -->"
 
 
 class Content(NamedTuple):
-    """The contents of a page: where it comes from, tables, and lines under a title. `figures`: what is drawn of it."""
+    """Contents of a page: its origin, tables, and lines under a title. `figures`: those to be drawn, if any."""
 
     origin: str
     tables: Sequence[Table]
@@ -62,7 +62,7 @@ def write_page(content: Content, folder: Path) -> list[Path]:
 
 
 def origin(figures: Figures, head: Head) -> str:
-    """Sentence on where the figures of simulated and given recordings come from."""
+    """Sentence on the origin of the figures of simulated and given recordings."""
     low, high = head.minutes
     return (
         f"Made by `drd trial`, seed {head.seed}: {len(figures.pairs)} recordings whose answer was hidden, drives of "

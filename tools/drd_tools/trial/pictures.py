@@ -14,7 +14,7 @@ COLUMNS: Final = 5
 
 
 def draw_effects(file: Path, figures: Figures) -> bool:
-    """Draw a panel per effect: how often its name comes first, against its detectability. False where there is none."""
+    """Draw a panel per effect: how often its name comes first, against its detectability. False if there is none."""
     kinds = [f"single d={d:g}" for d in DISTANCES]
     groups = by_effect(figures.of(*kinds))
     if not groups:
@@ -50,7 +50,7 @@ def _points(axes: Any, groups: Sequence[Sequence[Pair]]) -> None:
 
 
 def draw_methods(file: Path, figures: Figures) -> bool:
-    """Draw bars of the methods: false alarms, and the right name first. False where there is nothing."""
+    """Draw bars of the methods: false alarms, and the right name first. False if there is nothing to draw."""
     names = [OURS, *figures.methods]
     kinds: list[tuple[str, list[Pair], Callable[[Score], bool]]] = [
         ("nothing is missing:\nsomething is reported (wrong)", figures.of(*figures.null_kinds), lambda s: s.reports),

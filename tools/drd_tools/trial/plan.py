@@ -1,4 +1,4 @@
-"""Which cases a trial has: each is known by its name, and drawn from the name and the seed alone."""
+"""Cases of a trial: each is identified by its name, and drawn from name and seed alone."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -12,7 +12,7 @@ from drd.effects.catalogue import catalogue
 from drd_tools.trial.unknown import HIDDEN
 
 DISTANCES: Final = (8.0, 12.0, 20.0)
-TOGETHER: Final = 20.0  # d of each effect of a set, of what is in no catalogue, and with other references
+TOGETHER: Final = 20.0  # d of each effect in a set, of physics in no catalogue, and with other references
 STRESSED: Final = "null stressed"
 CONTACTS: Final = "contacts"
 OTHERWISE: Final[dict[str, Any]] = {
@@ -25,9 +25,9 @@ OTHERWISE: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """A case that can be made again from these.
+    """A case, which can be made again from these fields.
 
-    `name` says its kind, effect and detectability. With one and no effects: any effect that the drive shows.
+    `name` states kind, effect and detectability. A detectability without effects means any effect the drive shows.
     """
 
     name: str
@@ -41,13 +41,13 @@ class Drawing:
 
     @property
     def number(self) -> int:
-        """Number among those of its kind, from 0."""
+        """Number among the cases of its kind, from 0."""
         return int(self.name.rpartition("-")[2])
 
 
 class Plan(NamedTuple):
     """Numbers of cases: nulls (plain, and stressed), drives of each effect at each d, pairs (and triples), drives of
-    each cause that is in no catalogue, nulls (and effects) with each other reference, and in the MuJoCo world.
+    each cause in no catalogue, nulls (and effects) with each other reference, and in the MuJoCo world.
     """
 
     nulls: int = 0
@@ -60,28 +60,28 @@ class Plan(NamedTuple):
 
 NONE: Final = Plan()
 LARGE: Final = Plan(nulls=150, singles=4, sets=25, unknowns=4, variants=8, contacts=12)
-LARGE_BESIDE: Final = 4  # one case in so many is given to the other methods, which take as long as the diagnosis
+LARGE_BESIDE: Final = 4  # one case in so many also goes to the other methods, which take as long as the diagnosis
 
 
 def is_chosen(case: str, only: Iterable[str]) -> bool:
-    """Whether a case's name matches one of these patterns, as `--only` has them."""
+    """Whether a case's name matches one of the patterns of `--only`."""
     return any(fnmatchcase(case, pattern) for pattern in only)
 
 
 def reversible() -> list[str]:
-    """Names of the effects that come in any size, as far as a diagnosis may name them."""
+    """Names of the effects of variable size that a diagnosis may name."""
     return [effect.id for effect in catalogue().values() if not effect.irreversible and effect.is_diagnosed]
 
 
 def events() -> list[str]:
-    """Names of the others."""
+    """Names of the effects that destroy readings."""
     return [effect.id for effect in catalogue().values() if effect.irreversible]
 
 
 def drawings(
     plan: Plan, seed: int, minutes: tuple[float, float], reference: str = "full", only: tuple[str, ...] = ("*",)
 ) -> Iterator[Drawing]:
-    """The cases of a plan whose names match `only`, so that a trial that is stopped has some of each kind."""
+    """Yield the cases of a plan whose names match `only`, ordered so that a stopped trial has some of each kind."""
     for number in range(max(plan)):
         for drawing in _numbered(plan, number, seed, minutes, reference):
             if is_chosen(drawing.name, only):

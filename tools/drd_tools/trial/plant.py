@@ -1,7 +1,7 @@
-"""Every effect of the catalogue, planted in the raw data of real drives: real noise, real ground, a known answer.
+"""Plant every effect of the catalogue in the raw data of real drives: real noise, real ground, a known answer.
 
-`plan`: the untouched drive's diagnosis, and the effects that it can show. `diagnosed`: one of them planted and
-diagnosed. `run`: all of a folder. What is reported is judged on top of what is reported of the untouched drive.
+`plan`: diagnose the untouched drive, and list the effects that it can show. `diagnosed`: plant and diagnose one of
+them. `run`: all drives of a folder. Findings are judged relative to those of the untouched drive.
 """
 
 import time
@@ -33,12 +33,12 @@ from drd_tools.trial.size import Whitener, selected_of
 from drd_tools.trial.workers import Call, completed
 
 DISTANCES: Final = (12.0, 25.0)
-MOST_JOBS: Final = 2  # each holds a diagnosis in memory
+MOST_JOBS: Final = 2  # each keeps a diagnosis in memory
 UNTOUCHED: Final = "untouched"
 
 
 def drives(folder: Path, pattern: str) -> list[Path]:
-    """List a folder's recordings whose names match, and which have wheels. Raises ConfigError where there is none."""
+    """List the recordings of a folder whose names match and which have wheels. Raises ConfigError if there is none."""
     found = sorted(p.parent for p in folder.glob(f"{pattern}/robot.yaml") if (p.parent / "encoders.csv").exists())
     if not found:
         raise ConfigError(str(folder), "--glob", "recordings with robot.yaml and encoders.csv", f"none with {pattern}")
@@ -48,7 +48,7 @@ def drives(folder: Path, pattern: str) -> list[Path]:
 def run(
     folders: Sequence[Path], seed: int, done: Sequence[Row], jobs: int, only: Sequence[str] = ("*",)
 ) -> Iterator[Row]:
-    """Rows as they are ready, without those that are `done`: drives, and effects in them whose names match `only`."""
+    """Yield rows as they become ready, except those `done`: drives, and effects in them whose names match `only`."""
     there = {row.case for row in done}
     by_name = {folder.name: folder for folder in folders}
 
@@ -88,7 +88,7 @@ def _plantings(recording: Recording, analysis: Analysis, seed: int) -> tuple[dic
     whitener, plantings, not_visible = Whitener.of(analysis), {}, []
     for effect in (x for x in catalogue().values() if x.is_diagnosed):
         for d in DISTANCES:
-            # The same shape for each distance, whatever other effects the catalogue has.
+            # The same shape at each distance, independent of the other effects in the catalogue.
             random = np.random.default_rng([seed, zlib.crc32(f"{recording.name}.{effect.id}".encode())])
             case = f"{recording.name}.{effect.id}.d{d:g}"
             sized = whitener.plantable(effect, d, random)
@@ -103,7 +103,7 @@ def _plantings(recording: Recording, analysis: Analysis, seed: int) -> tuple[dic
 
 
 def _own(found: Found, effect: Effect, values: Values) -> dict[str, Amount]:
-    """Sizes of an effect, of the form that is planted, in the drive as it is: what it has of it, told or not."""
+    """Sizes that an effect of the planted form already has in the untouched drive, reported or not."""
     linear = {q.name: q for q in effect.parameters if q.linear and not q.choices}
     if effect.id in {c.id for c in found.fit.selection} or not linear:
         return {}
@@ -113,14 +113,14 @@ def _own(found: Found, effect: Effect, values: Values) -> dict[str, Amount]:
 
 
 def diagnosed(folder: Path, case: str, true: TrueEffect, lag_s: float) -> Planted:
-    """Plant an effect in a drive whose reference is so late, and diagnose it."""
+    """Plant an effect in a drive whose reference is late by `lag_s`, and diagnose it."""
     recording = planted(read_recording(folder), catalogue()[true.effect], si(true), lag_s)
     said, _ = _diagnosed(replace(recording, folder=Path(case)))
     return Planted(case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name, **said)
 
 
 def _diagnosed(recording: Recording) -> tuple[dict[str, Any], Analysis | None]:
-    """Fields of a record, and the analysis; None where it fails."""
+    """Fields of a record, and the analysis, or None if it failed."""
     began_s, analysis = time.perf_counter(), None
     try:
         with in_one_thread():

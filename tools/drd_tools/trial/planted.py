@@ -1,4 +1,4 @@
-"""The score of a diagnosis on a real drive into which an effect was planted, on top of what that drive has already."""
+"""Score of a diagnosis on a real drive with a planted effect, relative to that of the untouched drive."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,12 +23,12 @@ FACTORS: Final = {"gyro_scale_error": 1.0, "tread_error": 1.0, "wheel_radius_err
 
 
 class Judged(Struct, frozen=True):
-    """Score of a planted effect. `first`: it is named before all else that is not reported of the untouched drive.
+    """Score of a planted effect. `first`: it comes before all other names not reported in the untouched drive.
 
-    `in_class`: some finding is it, or also fits it. `sized`: its words are right, and each size is within SIGMAS of the
-    planted on top of what is reported of the untouched drive, or within SHARE of it where an estimate has no deviation;
-    moments are judged by the `overlap` of windows. `extra`: names that are neither.
-    `ceiling`: of the name, beside what was found in the untouched drive.
+    `in_class`: a finding has its name, or also fits it. `sized`: its choices are right, and each size is within SIGMAS
+    of the planted one added to that of the untouched drive, or within SHARE of it if the estimate has no standard
+    deviation; times are judged by the `overlap` of windows. `extra`: names that are neither. `ceiling`: that of the
+    name, given what was found in the untouched drive.
     """
 
     effect: str
@@ -71,7 +71,7 @@ def _is_near(i: Interval) -> bool:
 
 
 def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> list[Interval]:
-    """Estimates against the planted effect together with the same of the untouched drive, whose error counts too."""
+    """Estimates against the planted effect combined with the untouched drive's own, whose uncertainty is included."""
     there = next((f for f in untouched if f.effect == true.effect and _is_alike(true, f)), None)
     own = {} if isinstance(true.own, UnsetType) else true.own
     before = {**own, **({} if there is None else there.parameters)}
@@ -88,16 +88,16 @@ def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> li
 
 
 def _is_alike(true: TrueEffect, finding: Finding) -> bool:
-    """Whether a finding has the words and the window of an effect, so that the two add up."""
+    """Whether a finding has the choices and the window of an effect, so that their sizes add."""
     words = {n: v for n, v in true.parameters.items() if isinstance(v, str)}
     return finding.choices == words and (overlap(true, finding) or 0.0) >= SAME_WINDOW * (START.name in true.parameters)
 
 
 def composed(effect: str, parameter: str, before: float, planted: float) -> float:
-    """A parameter of two of the same effect, one upon the other, in the catalogue's unit.
+    """Parameter of two instances of the same effect combined, in the catalogue's unit.
 
-    Factors multiply, the lower limit and the wider band count, a moment, a time constant and a phase are the planted
-    one's, and sizes add up.
+    Factors multiply; the lower limit and the wider band apply; a time, a time constant and a phase are those of the
+    planted one; sizes add.
     """
     if effect in FACTORS:
         return before + planted + FACTORS[effect] * before * planted
@@ -111,7 +111,7 @@ def composed(effect: str, parameter: str, before: float, planted: float) -> floa
 
 
 def planted_table(rows: Sequence[Row]) -> Table:
-    """One row for each effect, by distance d, and one for all."""
+    """Table with one row per effect, by distance d, and one for all."""
     untouched = {r.case: r for r in rows if isinstance(r, Untouched)}
     scores = [judged(r, untouched[r.base]) for r in rows if isinstance(r, Planted) and r.base in untouched]
     kinds = [f"planted d{d:g}" for d in DISTANCES]
@@ -155,7 +155,7 @@ def not_visible(rows: Sequence[Row]) -> Table:
 
 
 def reported(rows: Sequence[Row]) -> list[str]:
-    """The planted effects, a line or two each: how each is judged, its sizes, and the names that are reported."""
+    """Describe each planted effect in a line or two: its score, its sizes, and the names reported."""
     untouched, lines = {r.case: r for r in rows if isinstance(r, Untouched)}, []
     for record in sorted((r for r in rows if isinstance(r, Planted) and r.base in untouched), key=lambda r: r.case):
         s, base = judged(record, untouched[record.base]), untouched[record.base]

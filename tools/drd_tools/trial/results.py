@@ -1,8 +1,8 @@
 """Results of a trial as classes, and the one place where they are read and written.
 
-`Record`: a recording whose answer is known, with its diagnosis. `Untouched` and `Planted`: of a real drive, as it is
-and with an effect put into its raw data. `NotMade`: a case that no drive showed. `Store`: the file of a trial, a line
-of JSON for each, added as it is ready, so that a stopped trial goes on. Parameters are in the catalogue's units.
+`Record`: a recording whose answer is known, with its diagnosis. `Untouched` and `Planted`: those of a real drive, as it
+is and with an effect planted in its raw data. `NotMade`: a case that no drive showed. `Store`: the file of a trial, a
+line of JSON per row, added as it becomes ready, so that a stopped trial resumes. Parameters are in catalogue units.
 """
 
 import json
@@ -29,13 +29,13 @@ FAILED: Final = "failed"  # in place of a verdict
 
 
 class TrueEffect(Struct, kw_only=True):
-    """An effect that is in a recording. `detectability`: its whitened distance d, the square root of the noncentrality.
+    """A true effect of a recording. `detectability`: its whitened distance d, the square root of the noncentrality.
 
-    `rival`: what does best in its place without noise, another name or nothing (""), by `margin_nats` worse;
-    `separable`: by more than the names of one class differ. `nearest`: what comes nearest to it in its place, at the
-    whitened `distance`, no name preferred. `ceiling`: probability of the right one of these two that no method exceeds,
-    where they are equally likely; `least`: that which the best method reaches among all names, sizes known. (93)
-    `own`: sizes of it that a real drive has as it is, though they are not reported.
+    `rival`: the best surrogate without noise, another name or none (""), worse by `margin_nats`; `separable`: by more
+    than the names of one class differ. `nearest`: the nearest surrogate, at the whitened `distance`, with no name
+    preferred. `ceiling`: probability of choosing correctly between these two, if equally likely, that no method
+    exceeds; `least`: the one that the best method attains among all names, sizes known. (93) `own`: sizes that the
+    untouched real drive already has, though not reported.
     """
 
     effect: str
@@ -52,7 +52,7 @@ class TrueEffect(Struct, kw_only=True):
 
 
 class Run(Struct, frozen=True):
-    """One drive of a robot. The temperature is the other world's own in MuJoCo, the friction only there."""
+    """One drive of a robot. MuJoCo has its own temperature; only MuJoCo uses the friction."""
 
     mission: str
     temperature: str
@@ -62,7 +62,7 @@ class Run(Struct, frozen=True):
 
 
 class Stress(Struct, frozen=True):
-    """Noise against the data sheets', degrees of freedom of its tails, and what is wrong with the reference."""
+    """Noise relative to the datasheets, degrees of freedom of its tails, and errors of the reference."""
 
     gyro_noise: float
     wheel_noise: float
@@ -74,7 +74,7 @@ class Stress(Struct, frozen=True):
 
 
 class Mismatch(Struct):
-    """Figures of another drive: without a model, with that of the diagnosis, and with the true effects (the oracle)."""
+    """A figure of another drive without a model, with the diagnosed one, and with the true effects (the oracle)."""
 
     before: float
     after: float
@@ -100,11 +100,11 @@ class Answer(Struct, kw_only=True):
 
 
 class Record(Answer, kw_only=True):
-    """A recording's answer, and what the diagnosis reports, the best finding first; a failed one has an `error`.
+    """A recording's answer, and the diagnosis's findings, the best first; a failed diagnosis has an `error`.
 
     `baselines`: names that other methods select, the best first. `truth_nats`: score of the true effects, refined,
-    less that of what was found: above 0 the search has missed the better answer; below, the evidence as it is weighed
-    speaks for the wrong one.
+    minus that of the effects found: above 0 the search missed the better answer; below, the evidence favours the wrong
+    one.
     """
 
     verdict: str
@@ -118,9 +118,9 @@ class Record(Answer, kw_only=True):
 
 
 class Untouched(Record, kw_only=True):
-    """A real drive as it is: the effects that it can show, each with the case that plants it, and the others.
+    """An untouched real drive: the effects that it can show, by the case that plants each, and the others.
 
-    `lag_s`: how late its reference is.
+    `lag_s`: lag of its reference.
     """
 
     plantings: dict[str, TrueEffect]
@@ -129,7 +129,7 @@ class Untouched(Record, kw_only=True):
 
 
 class Planted(Record, kw_only=True):
-    """A real drive, `base`, with its one effect planted in the raw data."""
+    """A real drive, `base`, with one effect planted in its raw data."""
 
     base: str
 
@@ -146,7 +146,7 @@ Row = Record | NotMade
 
 
 class Head(Struct, kw_only=True):
-    """Settings that make cases the same, and the build that diagnosed them. `plant`: the folder of real drives."""
+    """Settings that determine the cases, and the build that diagnosed them. `plant`: the folder of real drives."""
 
     format: str = FORMAT
     seed: int
@@ -160,15 +160,15 @@ class Head(Struct, kw_only=True):
 
 
 class Store:
-    """The results in a folder."""
+    """Results of a trial in a folder."""
 
     def __init__(self, folder: Path):
         self.file = folder / RESULTS
 
     def begin(self, head: Head) -> list[Row]:
-        """Go on with the results that are there, or begin; returns those that are there.
+        """Resume from the existing results, or begin; return the existing ones.
 
-        Results of another build of the diagnosis are moved aside. Raises ConfigError where they are of other cases
+        Results of another build of the diagnosis are moved aside. Raises ConfigError if they belong to other cases
         (another seed, say), and OSError.
         """
         head = msgspec.structs.replace(head, build=fingerprint())
@@ -180,7 +180,7 @@ class Store:
                     if (there := getattr(was, name)) != value:
                         expected = f"the trial that it holds, with {name} {there}; or another folder"
                         raise ConfigError(str(self.file.parent), name, expected, str(value))
-                self._write([was, *rows])  # without a line that was cut off
+                self._write([was, *rows])  # drops a truncated last line
                 return rows
             self.file.replace(self.file.with_name(OLD))
         self._write([head])
@@ -192,7 +192,7 @@ class Store:
             out.write(_line(row))
 
     def read(self) -> tuple[Head, list[Row]]:
-        """The rows that are there. A last line that was cut off does not count. Raises ConfigError."""
+        """Read head and rows. A truncated last line does not count. Raises ConfigError."""
         try:
             lines = self.file.read_text(encoding="utf-8").split("\n")[:-1]
             rows: list[Any] = [json.loads(line) for line in lines]
@@ -210,13 +210,13 @@ class Store:
 
 
 def save(file: Path, rows: Sequence[Struct]) -> None:
-    """Write rows of another trial, one JSON a line. Raises OSError."""
+    """Write rows of another trial, one JSON object per line. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
 
 
 def read_answers(folder: Path) -> list[Answer]:
-    """answers.json of a folder of recordings. Raises ConfigError."""
+    """Read answers.json of a folder of recordings. Raises ConfigError."""
     file = folder / ANSWERS
     return converted(file, read_json(file, "a JSON file with the answers"), list[Answer])
 
@@ -228,7 +228,7 @@ def si(true: TrueEffect) -> Values:
 
 
 def fingerprint() -> str:
-    """Hash of the code that simulates and diagnoses: results of one and of another build are not to be mixed."""
+    """Hash of the code that simulates and diagnoses: results of different builds must not be mixed."""
     return fingerprint_of("drd.effects", "drd_tools.diagnose", "drd_tools.simulate")
 
 

@@ -1,4 +1,4 @@
-"""Diagnose cases blind, and keep what is reported beside the answer."""
+"""Diagnose cases blind, and record the findings with the answer."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,13 +22,13 @@ from drd_tools.trial.unknown import HIDDEN
 
 
 class Others(NamedTuple):
-    """Other methods: the `names` of regressions, and where SBMI's training is kept, if it was trained."""
+    """Other methods: the `names` of regressions, and the file of SBMI's training, if it was trained."""
 
     names: Sequence[str] = ()
     trained: Path | None = None
 
     def selected(self, recording: Recording) -> dict[str, list[str]]:
-        """The names that each selects."""
+        """Names that each method selects."""
         learned = {sbmi.METHOD: partial(sbmi.selected, file=self.trained)} if self.trained else {}
         return baselines(recording, self.names, learned)
 
@@ -39,7 +39,7 @@ NO_OTHERS: Final = Others()
 def calls(
     folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], others: Others, beside: int = 1
 ) -> list[Callable[[], Row]]:
-    """The work to be done, a call for each case. `others`: other methods, for one in `beside` of those drawn."""
+    """Make a call for each case. `others`: other methods, which run on one in `beside` of the drawn cases."""
     made: list[Callable[[], Row]] = [] if folder is None else [partial(from_folder, folder, a, others) for a in answers]
     return [*made, *(partial(simulated, d, NO_OTHERS if d.number % beside else others) for d in drawn)]
 
@@ -64,13 +64,13 @@ def simulated(drawing: Drawing, others: Others = NO_OTHERS) -> Row:
     if result is not None and (case.effects or result.conclusion.causes):
         try:
             record.held_out = held_out.judged(result, case.effects, case.again())
-        except Exception as error:  # so is a model that cannot be applied
+        except Exception as error:  # a model that cannot be applied is a result, too
             record.error = f"on another drive: {type(error).__name__}: {error}"
     return record
 
 
 def judged(recording: Recording, answer: Answer, truth: Effects = ()) -> tuple[Record, Analysis | None]:
-    """The record of a recording, and the analysis, unless it failed: that is a result of the trial."""
+    """Diagnose a recording; return its record and the analysis, or None if it failed: that is a result, too."""
     began_s = time.perf_counter()
     about: dict[str, Any] = {name: getattr(answer, name) for name in Answer.__struct_fields__}
     try:
@@ -91,9 +91,9 @@ def judged(recording: Recording, answer: Answer, truth: Effects = ()) -> tuple[R
 
 
 def _truth_nats(result: Analysis, truth: Effects) -> float:
-    """Score of the true effects, refined from their true values, less that of what was found."""
+    """Score of the true effects, refined from their true values, minus that of the effects found."""
     found, selection = result.conclusion.found, selected_of(truth)
-    # Both ways in which the search looks at an effect: around the nominal path, and around that without the effects.
+    # The search linearises both ways: around the nominal path, and around the one without the effects.
     problems = result.null_problem, found.problem.around(selection)
     scores = [-fit.cost - p.penalty(fit.selection) for p in problems for fit in [refine(p, selection)]]
     return max(scores) - found.score

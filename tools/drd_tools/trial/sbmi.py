@@ -1,11 +1,11 @@
 """A small relative of SBMI (Schroeder and Macke 2023, arXiv 2305.15174): effects learned from simulations.
 
-Like SBMI it is amortised: models are drawn from a prior over sets of effects and their sizes, each is simulated, by the
+Like SBMI it is amortised: models are drawn from a prior over sets of effects and their sizes and simulated by the
 trial's own generator, and a classifier learns the posterior probability that each effect is included, once for all
-drives. Unlike SBMI it does not learn what to look at: it has a fixed list of summary statistics, of the residual and
-the library that the other methods have. Each effect's inclusion is learned by itself, by an ensemble of boosted trees,
-where SBMI has a joint distribution of all; and there is no posterior of the parameters, for which SBMI has a mixture
-density network. Before all other methods it has one advantage: it knows the distribution that the trial draws from.
+drives. Unlike SBMI it does not learn its summary statistics: it has a fixed list of them, computed from the same
+residual and library as the other methods. Each effect's inclusion is learned separately, by an ensemble of boosted
+trees, where SBMI has a joint distribution; and there is no posterior of the parameters, for which SBMI has a mixture
+density network. It has one advantage over all other methods: it knows the distribution from which the trial draws.
 """
 
 import math
@@ -25,7 +25,7 @@ from drd_tools.trial.workers import completed
 
 METHOD, PACKAGE = "SBMI", "sklearn"
 FILE: Final = "sbmi.npz"
-COUNTS: Final = (0.35, 0.35, 0.15, 0.15)  # prior of none to three effects: about as a trial has them
+COUNTS: Final = (0.35, 0.35, 0.15, 0.15)  # prior of none to three effects, roughly as in a trial
 DISTANCES: Final = (6.0, 30.0)  # of d, log-uniform
 MODELS: Final = 5
 ROUNDS: Final = 120  # of boosting
@@ -34,9 +34,9 @@ APART: Final = 1e-3  # of a column's square that another must leave
 
 
 def train(file: Path, count: int, seed: int, minutes: tuple[float, float], jobs: int) -> None:
-    """Simulate `count` drives, and keep their features (count, effects, f) and which effects are there. Raises OSError.
+    """Simulate `count` drives, and save their features (count, effects, f) and true effects. Raises OSError.
 
-    What is there already stays: it takes as long as a trial.
+    An existing file is kept: training takes as long as a trial.
     """
     if file.exists():
         return
@@ -47,7 +47,7 @@ def train(file: Path, count: int, seed: int, minutes: tuple[float, float], jobs:
 
 
 def simulated(number: int, seed: int, minutes: tuple[float, float]) -> tuple[Array, Array] | None:
-    """Features of a drive that is drawn from the prior, and 1 for each effect in it; None where none shows them."""
+    """Features of a drive drawn from the prior, and 1 for each effect in it; None if no drive shows them."""
     random = np.random.default_rng([seed, number])
     names = reversible()
     chosen = random.choice(len(names), int(random.choice(len(COUNTS), p=COUNTS)), replace=False)
@@ -65,8 +65,8 @@ def simulated(number: int, seed: int, minutes: tuple[float, float]) -> tuple[Arr
 def features(r: Regression) -> Array:
     """Summary statistics of a drive for each effect of the catalogue, (effects, f).
 
-    Of an effect: what it explains alone and beside the best other, in nats, as if each row had noise of its own; the
-    size that forward selection gives it; its rank; its number. Of the drive: rows, what the best explains, and each.
+    Per effect: its gain alone and beside the best other, in nats, as if the rows' noise were independent; its size by
+    forward selection; its rank; its number. Per drive: rows, gain of the best, number selected, and all gains.
     """
     n, names = len(r.y), list(catalogue())
     index = np.array([names.index(e) for e in r.effects])
@@ -77,12 +77,12 @@ def features(r: Regression) -> Array:
         np.maximum.at(most, index, values)
         return most
 
-    products = r.X.T @ r.y / n  # of columns and residual of unit rms: their correlation
+    products = r.X.T @ r.y / n  # correlations, since columns and residual have unit rms
     alone, size = largest(_nats(products**2, n)), largest(np.abs(forward(r)))
     first, second = (int(k) for k in np.argsort(-alone)[:2])
 
     def beside_best(name: int) -> Array:
-        """The part that each effect explains beside the best column of one."""
+        """Gain of each effect beside the best column of one."""
         best = int(np.argmax(np.where(index == name, np.abs(products), -1.0)))
         shared = r.X.T @ r.X[:, best] / n
         free = 1.0 - shared**2
@@ -98,7 +98,7 @@ def features(r: Regression) -> Array:
 
 
 def _nats(share: Array, n: int) -> Array:
-    """Gain of a column that explains a share of the variance of n rows."""
+    """Gain in nats of a column that explains a share of the variance of n rows."""
     return -0.5 * n * np.log1p(-np.clip(share, 0.0, 1.0 - 1e-9))
 
 
@@ -110,14 +110,14 @@ def inclusion(r: Regression, file: Path) -> dict[str, float]:
 
 
 def selected(r: Regression, file: Path) -> list[str]:
-    """Effects that are rather there than not, the likeliest first."""
+    """Effects more likely present than not, the likeliest first."""
     p = inclusion(r, file)
     return sorted((name for name in p if p[name] > INCLUDED), key=lambda name: -p[name])
 
 
 @lru_cache(maxsize=1)
 def _ensemble(file: Path) -> Sequence[Any]:
-    """Boosted trees, each of other drives (drawn with replacement)."""
+    """Train boosted trees, each on another bootstrap sample of the drives."""
     from sklearn.ensemble import HistGradientBoostingClassifier  # noqa: PLC0415  # an optional extra
     from threadpoolctl import threadpool_limits  # noqa: PLC0415  # comes with scikit-learn
 

@@ -1,4 +1,4 @@
-"""The score of a diagnosis against the answer."""
+"""Score of a diagnosis against the answer."""
 
 import itertools
 import math
@@ -16,7 +16,7 @@ from drd_tools.trial.ceiling import ceiling_of
 from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
 from drd_tools.trial.unknown import PREFIX
 
-LEAST_GAIN: Final = 25.0  # squared sigmas that the oracle takes off another drive, there for a share to mean anything
+LEAST_GAIN: Final = 25.0  # squared sigmas by which the oracle must improve another drive for a share to be meaningful
 NOT_LINEAR: Final = 2.0  # of the residual's expectation
 WORSE: Final = 0.02
 BINS: Final = 10  # of probabilities: the usual number
@@ -33,28 +33,28 @@ class Interval(Struct, frozen=True):
 
     @property
     def inside(self) -> bool:
-        """Whether the 90 % interval holds the truth."""
+        """Whether the 90 % interval contains the truth."""
         return abs(self.sigmas) <= Z_90
 
     @property
     def sigmas(self) -> float:
-        """The error in standard deviations; an angle's by the short way."""
+        """Error in standard deviations; an angle's is wrapped to +-pi."""
         error = self.value - self.true
         unit = next(q.unit for q in catalogue()[self.effect].parameters if q.name == self.parameter)
         return (math.remainder(error, 2.0 * math.pi) if unit == "rad" else error) / self.std
 
 
 class Score(Struct, frozen=True, kw_only=True):
-    """Score of one record. `..._class`: a finding is right where the right name is among those that it also fits.
+    """Score of one record. `..._class`: a finding is right if the right name is among those that it also fits.
 
-    What is in no catalogue has the right name `unknown`. `reports`: there is a finding, `sure_reports`: one above
-    suspected. `named`: findings with a name, `false_named`: those of them that are wrong even as a class. `windows`:
-    effects of an interval of time that were named, and the share of overlap (intersection over union). `share`:
-    improvement of the other drive's residual, of what the oracle's is; None where the oracle's is lost in the noise.
-    `probabilities`: of the first names, with whether they are right; `brier`: of all names of a finding.
-    `effects`: how many there are; `ceiling`: above which no method has all their names right, or None.
-    `worse`: what was found made the other drive's residual (`worse_path`: path) worse than no correction by more than
-    WORSE; None where there was no other drive, or it says nothing.
+    The right name of physics in no catalogue is `unknown`. `reports`: there is a finding; `sure_reports`: one above
+    suspected. `named`: number of findings with a name; `false_named`: of those wrong even as a class. `windows`: named
+    effects with an interval of time, and the overlap of the intervals (intersection over union). `share`: improvement
+    of the other drive's residual relative to the oracle's; None if the latter is lost in the noise. `probabilities`:
+    those of the first names, and whether they are right; `brier`: score over all names of a finding. `effects`: number
+    of true effects; `ceiling`: limit of the probability that any method names them all, or None. `worse`: the model
+    made the other drive's residual (`worse_path`: path) worse than no correction by more than WORSE; None without
+    another drive, or if it is uninformative.
     """
 
     verdict: bool
@@ -114,7 +114,7 @@ def score(record: Record) -> Score:
 
 
 def _brier(finding: Finding, right: Sequence[str]) -> float:
-    """Squared error of a finding's probabilities (Brier 1950), 0 to 2. Where none of its names is right, nothing is."""
+    """Brier score of a finding's probabilities (Brier 1950), 0 to 2. If none of its names is right, "nothing" is."""
     true = next((name for name in finding.probabilities if name in right), NOTHING)
     missed = 0.0 if true in finding.probabilities else 1.0
     return missed + sum((p - (name == true)) ** 2 for name, p in finding.probabilities.items())
@@ -129,7 +129,7 @@ def calibration_error(pairs: Sequence[tuple[float, bool]]) -> float:
 
 
 def exact_error(probabilities: Sequence[float]) -> float:
-    """Mean of `calibration_error` where each is as probable as it is said to be, by the normal distribution."""
+    """Expected `calibration_error` of perfectly calibrated probabilities, by the normal approximation."""
     bins: dict[int, float] = {}
     for p in probabilities:
         at = min(int(BINS * p), BINS - 1)
@@ -150,7 +150,7 @@ def of_names(record: Record, method: str) -> Score:
 
 
 def overlap(true: TrueEffect, finding: Finding) -> float | None:
-    """Intersection over union of two windows; None for an effect that has none. One that lasts ends with the drive."""
+    """Intersection over union of two windows; None without windows. An effect that has no end lasts to the drive's."""
     if START.name not in true.parameters or not finding.windows:
         return None
     (low, high), begin = finding.windows[0], float(true.parameters[START.name])
@@ -159,7 +159,7 @@ def overlap(true: TrueEffect, finding: Finding) -> float | None:
 
 
 def estimates(true: TrueEffect, finding: Finding) -> list[Interval]:
-    """Parameters that both have, but for words and what a catalogue fixes; a deviation of 0 or NaN is not known."""
+    """Intervals of the parameters that both have, except choices and fixed ones; a std of 0 or NaN means unknown."""
     parameters = catalogue()[true.effect].parameters if true.effect in catalogue() else ()
     names = [q.name for q in parameters if not q.choices and not q.fixed and q.name in true.parameters]
     amounts = {n: finding.parameters[n] for n in names if n in finding.parameters}
@@ -172,18 +172,18 @@ def _held_out(other: OtherDrive | UnsetType) -> tuple[float | None, bool | None,
     assert isinstance(other, OtherDrive)
     residual, path_m, oracle = other.residual, other.path_m, other.residual.oracle
     assert isinstance(oracle, float)
-    # Where even the truth leaves so much, what is missing is too large there for a linear residual.
+    # If even the truth leaves that much, the effects are too large there for a linear residual.
     is_linear = oracle < NOT_LINEAR * other.rows
     could = residual.before - oracle
     share = (residual.before - residual.after) / could if could > LEAST_GAIN and is_linear else None
     worse = math.sqrt(residual.after / residual.before) > 1.0 + WORSE if is_linear else None
-    # Where even the truth makes the path worse, that drive's noise decides.
+    # If even the truth makes the path worse, that drive's noise dominates.
     best_m = max(path_m.before, path_m.oracle if isinstance(path_m.oracle, float) else 0.0)
     return share, worse, path_m.after > (1.0 + WORSE) * best_m
 
 
 def _matches(right: Sequence[str], classes: Sequence[set[str]]) -> bool:
-    """Whether each finding stands for another of the effects, and none is left."""
+    """Whether findings and effects match one to one."""
     if len(right) != len(classes):
         return False
     orders = itertools.permutations(right)
@@ -191,7 +191,7 @@ def _matches(right: Sequence[str], classes: Sequence[set[str]]) -> bool:
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927). (0, 1) where n is 0."""
+    """95 % interval of a share (Wilson 1927); (0, 1) if n is 0."""
     if n == 0:
         return 0.0, 1.0
     found: Any = binomtest(successes, n).proportion_ci(0.95, "wilson")

@@ -1,4 +1,4 @@
-"""Parameters with which effects have a whitened distance d, and how well their nearest rivals would do."""
+"""Parameters that give effects a whitened distance d, and how well their nearest rivals would do."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,19 +28,19 @@ Random = np.random.Generator
 RIVALS: Final = 3
 ROUNDS: Final = 15
 SIZED: Final = 0.01  # relative
-SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
-FREE: Final = 1e4  # prior deviation of what a recording alone determines, in its own deviations
+SMALL: Final = 1e-4  # step away from a nonzero neutral value
+FREE: Final = 1e4  # prior standard deviation, relative, of parameters that the recording alone determines
 TINY: Final = 1e-12
-DRAWS: Final = 5  # of a window, which may lie where the robot stands
-EVENTS: Final = 20  # sizes of an event, of which the nearest is taken
-NEAR: Final = 1.25  # factor between its d and that wanted
+DRAWS: Final = 5  # draws of a window, in which the robot may be at rest
+EVENTS: Final = 20  # draws of an event, of which the nearest in size is used
+NEAR: Final = 1.25  # factor allowed between its d and the requested one
 
 
 @dataclass(frozen=True)
 class Whitener:
-    """Effects along a motion as a diagnosis weighs them, `beside` others that it has found there.
+    """Whitening of effects along a motion, as in the diagnosis, `beside` others that it found there.
 
-    `clocks`: deviations, SI, of rates of clocks that the calibration of a robot far from robot.yaml measures.
+    `clocks`: standard deviations, SI, of clock rates, if the calibration measures them (robot far from robot.yaml).
     """
 
     problem: Problem
@@ -50,7 +50,7 @@ class Whitener:
 
     @classmethod
     def of(cls, analysis: Analysis) -> "Whitener":
-        """A real recording: its fitted noise, and its motion as the nominal model with what was found tells it."""
+        """Make one for a real recording: its fitted noise, and its motion by the nominal model and the findings."""
         found = analysis.conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
         problem = found.problem.along(lambda motion: add(motion, selected)[0], is_read=True)
@@ -59,11 +59,11 @@ class Whitener:
         return cls(problem, problem.sensitivities.motion, beside, clocks)
 
     def detectability(self, effect: Effect, values: Values) -> float:
-        """Norm of an effect's whitened sensitivity, nuisances projected out; 0 where the diagnosis says nothing of it.
+        """Norm of an effect's whitened sensitivity, nuisances projected out; 0 if the diagnosis ignores the effect.
 
-        They are the reference's, with their priors, and the free parameters of other effects that were found, without.
+        Nuisances are the reference's, with priors, and the free parameters of other effects found, without.
         """
-        if effect.id in self.clocks:  # the calibration decides, beside how lags change by themselves
+        if effect.id in self.clocks:  # the calibration decides, given the natural wander of lags
             (q,) = effect.parameters
             return abs(number(values, q.name) - q.neutral) / self.clocks[effect.id]
         if is_absent(self.problem.evidence, effect):
@@ -75,11 +75,11 @@ class Whitener:
         return math.sqrt(max(float(rows @ Marginal(nuisance).projected(rows)), 0.0))
 
     def sized(self, effect: Effect, d: float, random: Random) -> Values | None:
-        """Values (SI) of a detectability `d`; None where they would be implausible, or nothing is seen at all."""
+        """Values (SI) of detectability `d`; None if they would be implausible, or the effect is not visible at all."""
         values = dict(_shape(effect, self.motion, random))
         chosen = [q for q in effect.parameters if not q.choices and (q.linear or not effect.linear())]
         there: Values = next((c.values for c in self.beside if c.id == effect.id), {})
-        # Each of several linear parameters is to be seen about as well.
+        # Several linear parameters shall be about equally visible.
         for q in chosen:
             alone: dict[str, float | str] = {**values, **dict.fromkeys((c.name for c in chosen), 0.0)}
             alone[q.name] = q.neutral + (SMALL if q.neutral else q.low * q.si)
@@ -87,7 +87,7 @@ class Whitener:
             if norm <= 0.0:
                 return None
             share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
-            if q.signed and q.name in there:  # more of what is there: less of it might leave nothing
+            if q.signed and q.name in there:  # same sign as the existing one, lest they cancel
                 share = math.copysign(share, float(there[q.name]))
             values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
         return scaled(values, chosen, d, lambda found: self.detectability(effect, found), ROUNDS, SIZED)
@@ -95,7 +95,7 @@ class Whitener:
     def plantable(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
         """Values (SI) with which a real drive shows an effect, and their detectability, about `d`; or None.
 
-        What destroys readings comes as it does: of some sizes the nearest.
+        An effect that destroys readings has no free size: the nearest of several draws is used.
         """
         if not effect.irreversible:
             draws = DRAWS if START in effect.parameters else 1
@@ -106,14 +106,14 @@ class Whitener:
         return found if found is not None and d / NEAR <= found[1] <= d * NEAR else None
 
     def event(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
-        """The values (SI), of some draws of what destroys readings, whose detectability is nearest to `d`, and it."""
+        """Draw an effect that destroys readings; return the values (SI) with detectability nearest to `d`, and it."""
         drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
         sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
         return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
 
 
 def _clocks(measured: Constants) -> dict[str, float]:
-    """Deviations, SI, of the rates of clocks by the names of their effects, how lags change by themselves in them."""
+    """Standard deviations, SI, of clock rates by effect, including the natural wander of lags."""
     wander = WHEELS_WANDER_S / float(np.ptp(measured.recording.encoders.time_s))
     sigma = measured.sigma._replace(lag_growth=math.hypot(measured.sigma.lag_growth, wander))
     found = {}
@@ -125,7 +125,7 @@ def _clocks(measured: Constants) -> dict[str, float]:
 
 
 def _more(selected: Selected) -> Selected:
-    """A little more of a delay or clock's rate, of readings that have it already."""
+    """Reset a delay or clock rate to neutral: readings that already have it get a little more."""
     return replace(selected, values={q.name: q.neutral * q.si for q in selected.effect.parameters})
 
 
@@ -137,7 +137,7 @@ def scaled(
     rounds: int,
     tolerance: float,
 ) -> Values | None:
-    """The values (SI), those of `sizes` grown together until their norm is `d`; None: not plausible, or not seen."""
+    """Scale the `sizes` among `values` (SI) together until their norm is `d`; None: not plausible, or not visible."""
     for _ in range(rounds):
         norm = norm_of(values)
         if norm <= 0.0:
@@ -152,7 +152,7 @@ def scaled(
 
 
 def selected_of(effects: Effects) -> list[Selected]:
-    """Effects as the search selects them, all that can be fitted free; a threshold's bias is not known."""
+    """Effects as the search selects them, with all parameters free that can be fitted, and a threshold's bias."""
     selection = [
         Selected(x, dict(v), tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects
     ]
@@ -165,7 +165,7 @@ def selected_of(effects: Effects) -> list[Selected]:
 
 
 def set_rivals(problem: Problem, effects: Effects, rows: Sequence[TrueEffect]) -> None:
-    """Say in each effect's row what would do best in its place without noise, and by how many nats that is worse."""
+    """Set in each effect's row its best surrogate without noise, and by how many nats that is worse."""
     truth = selected_of(effects)
     problem = problem.with_data(problem.effect_rows(truth))
     search, names = Search(problem), {c.id for c in truth}
@@ -180,17 +180,17 @@ def set_rivals(problem: Problem, effects: Effects, rows: Sequence[TrueEffect]) -
 
 
 def _shape(effect: Effect, motion: Motion, random: Random) -> Values:
-    """Values (SI) of the parameters that are not linear, off the grid on which the search begins."""
+    """Draw values (SI) of the nonlinear parameters, off the grid on which the search begins."""
     begin_s = float(random.uniform(0.15, 0.7)) * motion.end_s
     side = SIDES[int(random.integers(2))]
     end_s = begin_s + float(random.uniform(0.1, 0.25)) * motion.end_s
-    # Each case draws all of them, so that one effect's values do not depend on what others have.
+    # Each case draws all of them, so that an effect's values do not depend on those of others.
     chance = Chance(side, begin_s, end_s, *map(float, random.random(6)))
     return {**effect.variants(motion)[0], **effect.drawn(motion, chance)}
 
 
 def eventful(motion: Motion, effect: Effect, random: Random) -> Values | None:
-    """Values (SI) of an effect that destroys readings, and is seen at once or not at all; None: not in this drive."""
+    """Draw values (SI) of an effect that destroys readings, visible at once or never; None: not in this drive."""
     moving = np.flatnonzero(np.abs(motion.speed_m_s) + motion.tread_m * np.abs(motion.rate_rad_s) > 0.2)
     if not len(moving) or not (np.abs(motion.rate_rad_s) > 0.02).any():
         return None

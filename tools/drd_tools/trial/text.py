@@ -1,4 +1,4 @@
-"""A trial as text: its tables, and each failure with what is true and what is reported."""
+"""A trial as text: its tables, and each failure with truth and findings."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ PROGRAM = "drd trial"
 
 
 def text(figures: Figures, arguments: Sequence[str]) -> str:
-    """Text of a whole trial. `arguments`: those with which a case is drawn again."""
+    """Text of a whole trial. `arguments`: those that draw a case again."""
     lines: list[str] = []
     for made in figures.tables():
         lines += [*([""] if lines else []), made.caption, *columns([made.header, *made.rows])]
@@ -22,7 +22,7 @@ def text(figures: Figures, arguments: Sequence[str]) -> str:
 
 
 def failures(figures: Figures, arguments: Sequence[str]) -> list[str]:
-    """False alarms, what was confused, what is outside of its interval, and what could not be made."""
+    """Lines on false alarms, confused effects, truths outside their intervals, and cases that could not be made."""
     nulls, others = figures.of(*figures.null_kinds), figures.of(*figures.named_kinds)
     unknown = figures.of(*figures.unknown_kinds)
     lines = _confused([p for p in nulls if p[1].reports or isinstance(p[0].error, str)], "False alarms")

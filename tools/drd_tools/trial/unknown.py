@@ -1,4 +1,4 @@
-"""Physics that is in no catalogue, for the trial only: each must come back as `unknown`, never as the nearest name."""
+"""Physics in no catalogue, for the trial only: each must be reported as `unknown`, never as the nearest name."""
 
 import math
 from typing import ClassVar, Final
@@ -34,12 +34,12 @@ class Hidden(Effect):
     temperature: ClassVar[str] = ""
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        """One, with a period and a pitch of which a drive holds a few."""
+        """Return one variant, whose period and pitch recur a few times in a drive."""
         middle = {PERIOD.name: 0.35 * m.end_s, PHASE.name: 0.0, PITCH.name: 4.0, ORDER.name: 2.7}
         return [{q.name: middle[q.name] for q in self.parameters if not q.linear}]
 
     def drawn(self, m: Motion, chance: Chance) -> Values:
-        """Draw the parameters that are not linear, off the middle."""
+        """Draw the nonlinear parameters, off the middle."""
         found = {
             PERIOD.name: between(0.25, 0.6, chance.period) * m.end_s,
             PHASE.name: between(0.0, 2.0 * math.pi, chance.phase),

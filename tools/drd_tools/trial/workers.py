@@ -1,4 +1,4 @@
-"""Calls in processes of their own, and their results as they are ready."""
+"""Run calls in worker processes, and yield their results as they become ready."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -14,9 +14,9 @@ Call = Callable[[], T]
 
 
 def completed(todo: Sequence[Call[T]], jobs: int, then: Callable[[T], Sequence[Call[T]]] = lambda _: ()) -> Iterator[T]:
-    """Results as they are ready. `then`: what a result gives to do besides.
+    """Yield results as they become ready. `then`: further calls that a result gives rise to.
 
-    SIGTERM and Ctrl-C end the workers in the midst of their calls. Raises ConfigError where one was killed.
+    SIGTERM and Ctrl-C end the workers in mid-call. Raises ConfigError if one was killed.
     """
     calls, pending = list(todo), set[Future[T]]()
     processes: AbstractContextManager[Executor | None] = nullcontext() if jobs == 1 else pool_of(jobs)
