@@ -1,1 +1,1 @@
-"""A fleet: what thousands of recordings say, kept as tables, and what follows from them."""
+"""A fleet: the results of thousands of recordings, kept as tables, and their statistics."""

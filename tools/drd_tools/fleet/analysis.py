@@ -1,4 +1,4 @@
-"""One recording's rows of all tables: read, diagnosed, and reduced to what a fleet asks of it."""
+"""Analyse one recording: read it, diagnose it, and reduce it to its rows of all tables."""
 
 import math
 import threading
@@ -23,12 +23,12 @@ from drd_tools.recordings.daemon_log import SINCE_START_S, read
 from drd_tools.recordings.folder import Recording
 from drd_tools.recordings.mcap_file import open_run
 
-# A worker with several threads does one recording at a time: how many threads a product takes is the process's.
+# A worker with several threads does one recording at a time: the limit on BLAS threads applies to the whole process.
 _ALONE: Final = threading.Lock()
 
 
 def analysed(task: Task) -> Rows | None:
-    """Rows of a recording, without labels; of one that fails its error. None: its contents are those of the digest.
+    """Rows of a recording, without labels, or its error if it fails. None: its contents match the task's digest.
 
     Raises nothing that a recording could cause.
     """
@@ -54,7 +54,7 @@ def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
     pieces, rows = parts(recording), Rows()
     own = own.over(_told(place, recording))
     begin_s = first_s(recording)
-    missing_s = zero_for_terms(begin_s) if place.is_file() else 0.0  # earlier parts of a run that are not there
+    missing_s = zero_for_terms(begin_s) if place.is_file() else 0.0  # missing earlier parts of a run
     for piece in pieces:
         name = task.recording if len(pieces) == 1 else f"{task.recording}{piece.name.removeprefix(recording.name)}"
         analysis = analyse(piece)
@@ -79,7 +79,7 @@ def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
 
 
 def _told(place: Path, recording: Recording) -> labels.Labels:
-    """Labels that are in the recording's data, or in the name of a run."""
+    """Labels from the recording's data, or from the name of a run."""
     reference = recording.reference
     start = labels.start_of_run(place.name)
     if place.is_file():
@@ -114,7 +114,7 @@ def _findings(analysis: Analysis, diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 
 def _covariance(finding: Finding, cause: Cause | None) -> Sequence[list[float] | None]:
-    """A row for each parameter, in the units of the findings; 0 where one was not fitted."""
+    """Covariance row of each parameter, in the units of the findings; 0 for one that was not fitted."""
     names = list(finding.parameters)
     selected = None if cause is None else cause.selected
     if selected is None or not selected.covariance.size:

@@ -1,4 +1,4 @@
-"""How sure levels are, measured on the fleet itself: sizes of changes where there is none."""
+"""Calibrate the uncertainty of levels on the fleet itself: sizes of steps where nothing has changed."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -10,13 +10,13 @@ from drd_tools.fleet.changes import CREEP
 from drd_tools.fleet.events import change
 from drd_tools.fleet.levels import LEAST_SEEN, Series, Trend
 
-CUTS: Final = 4  # parts of a segment, between which it is cut: the steps at more cuts have the same recordings
+CUTS: Final = 4  # parts of a segment, with a cut between each: steps at more cuts would share recordings
 
 
 def inflation(every: Sequence[Series], trends: Sequence[Trend]) -> float:
-    """Factor on the levels' sigmas with which 90 % of steps that are not there hold 0; never below 1. (103)
+    """Factor on the levels' sigmas with which the intervals of 90 % of null steps contain 0; at least 1. (103)
 
-    It is 1 beforehand, with the weight of one segment.
+    Its prior is 1, with the weight of one segment.
     """
     steps = [
         [abs(size) / sigma for size, sigma in _steps(one, kind, first, last)]
@@ -31,7 +31,7 @@ def inflation(every: Sequence[Series], trends: Sequence[Trend]) -> float:
 
 
 def _steps(series: Series, kind: int, first: int, last: int) -> Iterator[tuple[float, float]]:
-    """Size and sigma of the step at each cut of a segment, found as if there was a change."""
+    """Size and sigma of the step at each cut of a segment, estimated as if there were a change."""
     for k in range(1, CUTS):
         cut = first + k * (last - first + 1) // CUTS
         before, after = (kind, first, cut - 1), (kind, cut, last)

@@ -1,8 +1,8 @@
 """Changes of a series: the exact posterior over all ways to cut it into segments.
 
-A segment is a random walk about a level, or about one that creeps. `Prior` says how likely changes are and how large;
+A segment is a random walk about a level, or about one that creeps. `Prior` has the probability and size of changes;
 `evidence` filters each segment, over run lengths; `posterior` sums over all segmentations by dynamic programming
-(Fearnhead 2006; Adams and MacKay 2007), `most_likely` takes the best. All series of a fleet are done at once.
+(Fearnhead 2006; Adams and MacKay 2007), `most_likely` takes the best. All series of a fleet are processed at once.
 """
 
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ import numpy as np
 from drd.arrays import Array
 
 CREEP: Final = 1  # kind of a segment; 0 is a level
-# A recording in so many is off by about a jump: a lidar that lost itself, a load, a passenger.
+# Share of recordings that are off by about a jump: a lidar that lost its pose, a load, a passenger.
 OUTLIERS: Final = 0.01
-# Of segments, where the constant can creep at all: leaks are rarer than what happens at once.
+# Prior share of creeping segments, if the constant can creep at all: leaks are rarer than sudden changes.
 CREEPING: Final = 0.2
-ROOM: Final = 2_000_000  # segments that are held at once: limits memory to some 100 MB
+ROOM: Final = 2_000_000  # segments in memory at once: limits it to some 100 MB
 LOG_2PI: Final = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True)
 class Prior:
-    """`mean`, `spread`: of the first level, shape (series,) and one; `jump`, `slope`: sigma of later levels beyond the
-    spread, and of what creeps per day; `walk`: variance that a day adds. `change`: probability of a change before each
-    observation, shape (series, n), of which the first column is not used.
+    """Prior of a segmentation. `mean`, `spread`: those of the first level, shape (series,) and scalar; `jump`, `slope`:
+    sigma of later levels beyond the spread, and of creep per day; `walk`: variance added per day. `change`: probability
+    of a change before each observation, shape (series, n); its first column is not used.
     """
 
     mean: Array
@@ -37,7 +37,7 @@ class Prior:
 
 
 class Changes(NamedTuple):
-    """`change`: posterior of a change before each observation, shape (series, n). `segments`: posterior of each
+    """Posterior probabilities: `change`, of a change before each observation, shape (series, n); `segments`, of each
     segment, shape (series, kinds, n, n).
     """
 
@@ -45,7 +45,7 @@ class Changes(NamedTuple):
     segments: Array
 
     def any_change(self, series: int, first: int, last: int) -> float:
-        """Posterior of at least one change before an observation from `first` to `last`."""
+        """Posterior probability of at least one change before an observation from `first` to `last`."""
         spanning = self.segments[series, :, :first, last:]
         return float(np.clip(1.0 - spanning.sum(), 0.0, 1.0))
 
@@ -93,7 +93,7 @@ def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Array:
 
 
 def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
-    """Evidence of segments with the prior of their kind and of no change within; log h before each observation."""
+    """Log evidence of segments with the prior of their kind and of no change within; log h before each observation."""
     kinds = log.shape[1]
     kind = np.log([1.0 - CREEPING, CREEPING]) if kinds == 2 else np.zeros(1)
     with np.errstate(divide="ignore"):
@@ -107,12 +107,12 @@ def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
 
 
 def log_evidence(log: Array, change: Array) -> Array:
-    """The sum over all segmentations of each series, shape (series,). (105)"""
+    """Log evidence of each series, summed over all segmentations, shape (series,). (105)"""
     return _before(*_prior_of_segments(log, change))[:, -1]
 
 
 def _before(segments: Array, begins: Array) -> Array:
-    """Log evidence of the observations before each, and of all, shape (series, n + 1)."""
+    """Log evidence of the observations before each one, and of all, shape (series, n + 1)."""
     series, _, n = segments.shape[:3]
     before = np.zeros((series, n + 1))
     for e in range(n):
@@ -121,11 +121,11 @@ def _before(segments: Array, begins: Array) -> Array:
 
 
 def posterior(log: Array, change: Array) -> Changes:
-    """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (105)"""
+    """Posterior by summing over all segmentations: `log` (series, kinds, n, n), prior `change` (series, n). (105)"""
     segments, begins = _prior_of_segments(log, change)
     series, _, n = segments.shape[:3]
     before = _before(segments, begins)
-    after = np.zeros((series, n + 1))  # of those from k on, if a segment begins there
+    after = np.zeros((series, n + 1))  # log evidence of observations from k on, if a segment begins there
     ends = np.zeros((series, n))
     for s in range(n - 1, -1, -1):
         ends[:, s] = 0.0 if s == n - 1 else begins[:, s + 1] + after[:, s + 1]

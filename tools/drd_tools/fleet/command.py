@@ -1,4 +1,4 @@
-"""`drd fleet`: what to do decides which command runs."""
+"""`drd fleet`: hand over to the command of an action."""
 
 import logging
 from typing import Final
@@ -16,7 +16,7 @@ ACTIONS: Final = {
 
 def main(argv: list[str]) -> int:
     """Hand over to the action's own command; returns its exit code."""
-    # pandas, which pyarrow loads where it is there, announces its threads.
+    # pyarrow loads pandas if it is installed, which logs its number of threads.
     logging.getLogger("numexpr").setLevel(logging.WARNING)
     description = "Diagnose thousands of recordings and keep the results as tables."
     return hand_over("drd fleet", description, "action", ACTIONS, argv)

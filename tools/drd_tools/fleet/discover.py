@@ -1,4 +1,4 @@
-"""Find recordings in folders and buckets: which files each has, and whether they may have changed."""
+"""Find recordings in folders and buckets, with their files and a signature that changes with them."""
 
 import hashlib
 import os
@@ -14,17 +14,17 @@ from typing import Final, NamedTuple
 from drd.config.schema import ConfigError
 from drd_tools.fleet.files import Files
 
-# Files of a recording folder, of which one of the sensors' is enough; fleet.yaml has labels, see `labels`.
+# Files of a recording folder; one of the sensors' is enough. fleet.yaml has labels, see `labels`.
 SENSORS: Final = frozenset({"encoders.csv", "fog.csv"})
 OWN: Final = frozenset({*SENSORS, "robot.yaml", "reference.csv", "fleet.yaml"})
-REFERENCE, LABELS = ".reference.csv", ".fleet.yaml"  # beside a daemon's file
-PART: Final = re.compile(r"(.+-\d{8}T\d{6}Z-[0-9a-f]+)-\d+")  # of a run of the daemon, by the file's name
+REFERENCE, LABELS = ".reference.csv", ".fleet.yaml"  # next to a daemon's file
+PART: Final = re.compile(r"(.+-\d{8}T\d{6}Z-[0-9a-f]+)-\d+")  # file name of a part of a daemon's run
 
 
 class Seen(NamedTuple):
-    """A recording that was found: `uri` of its folder, its file, or its run (without a part's number), and its files.
+    """A recording found: `uri` of its folder, its file, or its run (without a part's number), and its files.
 
-    `name`: its place below the folder that was searched. `signature`: of sizes and times, which change with contents.
+    `name`: its path below the searched folder. `signature`: hash of sizes and times, which change with the contents.
     """
 
     uri: str
@@ -35,12 +35,12 @@ class Seen(NamedTuple):
 
     @property
     def last(self) -> str:
-        """The last file of a run; "" of a folder."""
+        """Last file of a run; "" for a folder."""
         return max((name for name in self.files if name.endswith(".mcap")), default="")
 
     @property
     def labels(self) -> str:
-        """The file of its labels, of a run the run's own or that of its newest part that has one; "" without any."""
+        """Name of its label file; for a run, the run's own or that of its newest part that has one; "" if none."""
         return max((name for name in self.files if name.endswith("fleet.yaml")), default="")
 
 
@@ -50,7 +50,7 @@ class _File(NamedTuple):
 
 
 def discover(folders: Sequence[str | Path]) -> list[Seen]:
-    """All recordings in folders, buckets, and among files given, by `uri`. Raises ConfigError where there is none."""
+    """Find all recordings in folders and buckets, and given files, by `uri`. Raises ConfigError if there is none."""
     found: dict[str, Seen] = {}
     for url in folders:
         before = len(found)
@@ -79,7 +79,7 @@ def _below(url: str) -> Iterator[Seen]:
         raise ConfigError(url, "", "a folder of recordings", "nothing there")
     root = _url(files)
     for folder, entries in _local(files.root) if files.is_local else _remote(files):
-        # A recording that is searched alone has its own name.
+        # A searched folder that is itself a recording goes by its own name.
         name = folder or PurePosixPath(root).name
         place = f"{root}/{folder}".rstrip("/")
         own = sorted(e for e in entries if e.name in OWN)
@@ -89,7 +89,7 @@ def _below(url: str) -> Iterator[Seen]:
 
 
 def _mcaps(place: str, folder: str, entries: Sequence[_File], only: str) -> Iterator[Seen]:
-    """Runs of the daemon, each with its parts: one that gets another part while it goes on is the same recording."""
+    """Yield the daemon's runs, each with its parts: a run that gets another part remains the same recording."""
     by_name, runs = {e.name: e for e in entries}, dict[str, list[_File]]()
     for entry in sorted(e for e in entries if e.name.endswith(".mcap")):
         part = PART.fullmatch(entry.name.removesuffix(".mcap"))
@@ -97,7 +97,7 @@ def _mcaps(place: str, folder: str, entries: Sequence[_File], only: str) -> Iter
     for run, parts in runs.items():
         last = parts[-1].name
         if only in ("", last):
-            # Labels go on to hold when the run gets another part.
+            # Labels stay valid when the run gets another part.
             labels = [stem + LABELS for stem in dict.fromkeys([run, *(p.name.removesuffix(".mcap") for p in parts)])]
             beside = [by_name[n] for n in (last.removesuffix(".mcap") + REFERENCE, *labels) if n in by_name]
             yield _seen(f"{place}/{run}.mcap", f"{folder}/{run}".lstrip("/"), place, [*parts, *beside])
@@ -109,7 +109,7 @@ def _seen(uri: str, name: str, folder: str, files: Sequence[_File]) -> Seen:
 
 
 def _local(root: str) -> Iterator[tuple[str, list[_File]]]:
-    """Each folder below, once, and what may belong to a recording in it; what links lead to comes last."""
+    """Yield each folder below once, with files that may belong to a recording; targets of links come last."""
     todo, visited = deque([""]), set[tuple[int, int]]()
     while todo:
         folder, files, folders, links = todo.popleft(), list[_File](), list[str](), list[str]()
@@ -125,7 +125,7 @@ def _local(root: str) -> Iterator[tuple[str, list[_File]]]:
                     elif _may_belong(entry.name) and entry.is_file():
                         one = entry.stat()
                         files.append(_File(entry.name, (one.st_size, one.st_mtime_ns)))
-        except (PermissionError, FileNotFoundError):  # or it has gone meanwhile
+        except (PermissionError, FileNotFoundError):  # or removed in the meantime
             continue
         visited.add((about.st_dev, about.st_ino))
         yield folder, files
@@ -150,7 +150,7 @@ def _may_belong(name: str) -> bool:
 
 @contextmanager
 def fetched(seen: Seen) -> Iterator[Path]:
-    """The recording as a folder or file of this machine; from a bucket it is copied. Raises OSError."""
+    """Yield the recording as a local folder or file; from a bucket it is copied. Raises OSError."""
     files = Files(seen.folder)
     if files.is_local:
         yield Path(seen.folder) / seen.last

@@ -1,6 +1,6 @@
-"""Calls in other processes: a pool of this machine, or a Dask cluster. What a killed process had is done elsewhere.
+"""Run calls in a local process pool or a Dask cluster. Calls of a killed process are repeated in another.
 
-The calls, and so the results to the bit, are the same; only their order differs.
+The calls, and so the results bit for bit, are the same; only their order differs.
 """
 
 from collections import deque
@@ -16,22 +16,22 @@ from drd_tools.processes import ended_by_sigterm, pool_of
 T = TypeVar("T")
 R = TypeVar("R")
 
-AHEAD: Final = 2  # calls for each process that are handed over: none waits for the next, and memory stays bounded
-KILLS: Final = 2  # of the process that had a call for itself: the call is then taken for the cause
-REACH_S: Final = 10.0  # for a scheduler to answer
+AHEAD: Final = 2  # calls submitted per process: none waits for work, and memory stays bounded
+KILLS: Final = 2  # after so many kills of a process that ran a call alone, the call is held to be the cause
+REACH_S: Final = 10.0  # timeout for a scheduler's answer
 
 
 class Engine(NamedTuple):
-    """Place of calls: `jobs` processes here, the cluster at `scheduler`, or one of `cluster` workers."""
+    """Where calls run: `jobs` local processes, the cluster at `scheduler`, or a new one of `cluster` workers."""
 
     jobs: int = 1
     scheduler: str | None = None
     cluster: int | None = None
 
     def results(self, call: Callable[[T], R], tasks: Sequence[T], lost: Callable[[T], R]) -> Iterator[tuple[T, R]]:
-        """Each task with its result as soon as it is there; `lost`: of one whose processes were killed each time.
+        """Yield each task with its result as it becomes ready; `lost`: result of one whose process was always killed.
 
-        SIGTERM, Ctrl-C and any error end the processes, or take back what was handed to a cluster.
+        SIGTERM, Ctrl-C and any error end the processes, or withdraw the calls submitted to a cluster.
         """
         if self.scheduler is None and self.cluster is None:
             yield from _pooled(call, tasks, lost, self.jobs)
@@ -42,7 +42,7 @@ class Engine(NamedTuple):
 def _pooled(call: Callable[[T], R], tasks: Sequence[T], lost: Callable[[T], R], jobs: int) -> Iterator[tuple[T, R]]:
     todo, suspects = deque(tasks), deque[T]()
     while todo or suspects:
-        # The kill of one process breaks the pool: which call was to blame shows when each is alone in one.
+        # The kill of one process breaks the pool: running each call alone shows which was to blame.
         yield from _one_by_one(call, suspects, lost)
         pending: dict[Future[R], T] = {}
         with pool_of(min(jobs, max(len(todo), 1))) as pool:
@@ -93,7 +93,7 @@ def _distributed(
                 yield task, future.result()
             except KilledWorker:
                 suspects.append(task)
-        # Those that waited at a worker that was killed are blamed as well: alone, only who is to blame fails again.
+        # Calls that waited at a killed worker are blamed as well: alone, only the culprit fails again.
         for task, future in _submitted(client, call, suspects, 0):
             try:
                 result = future.result()
@@ -103,7 +103,7 @@ def _distributed(
 
 
 def _submitted(client: Any, call: Callable[[T], R], tasks: deque[T], ahead: int) -> Iterator[tuple[T, Any]]:
-    """Futures as they are done, of so many calls for each thread of the cluster, but at least of one, at a time."""
+    """Yield futures as they complete, with `ahead` calls per thread of the cluster, but at least one, in flight."""
     from distributed import as_completed  # noqa: PLC0415
 
     pending: dict[str, T] = {}
@@ -120,11 +120,11 @@ def _submitted(client: Any, call: Callable[[T], R], tasks: deque[T], ahead: int)
 
 @contextmanager
 def _client(engine: Engine) -> Iterator[Any]:
-    """A client of the cluster; one started here ends with it."""
+    """Connect to the cluster, or start one, which ends with the context."""
     import dask  # noqa: PLC0415
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
-    # Workers are not ended for their memory before the machine has to; one that is, is blamed no longer than a pool's.
+    # Only the machine may kill workers for their memory; a call is blamed for a kill as quickly as in a pool.
     with dask.config.set({"distributed.worker.memory.terminate": False, "distributed.scheduler.allowed-failures": 1}):
         if engine.scheduler is None:
             with (

@@ -1,4 +1,4 @@
-"""The events of robots: changes of a series as events, with date, size, probability and cause."""
+"""Events of robots: changes of a series, with date, size, probability and cause."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,18 +12,18 @@ from drd_tools.fleet.changes import CREEP, Changes
 from drd_tools.fleet.levels import Segment, Series, Trend
 from drd_tools.fleet.series import Maintained
 
-DATE_TAIL: Final = 0.05  # of the date's posterior, left out at each end: an interval of 90 %
-NOT_SEEN: Final = 1e-3  # posterior of a date that is no part of an event
+DATE_TAIL: Final = 0.05  # posterior of the date omitted at each end: an interval of 90 %
+NOT_SEEN: Final = 1e-3  # posterior below which a date is not part of an event
 
 
 @dataclass(frozen=True)
 class Event:
     """A change of one robot's constant.
 
-    `first`: number of the robot's first recording after it, `day` that one's; the date is from `low` to `high` with
-    90 %. `size`, `sigma`: of the change, SI; what creeps: so far. `probability`: that there is a change; `causes`:
-    whose it is; `seen`: recordings on its shorter side. `level`, `level_sigma`: since then, less the robot's first
-    level. `until`: the day of its next change; `others`: robots that did not change so then.
+    `first`: number of the robot's first recording after it, on `day`; the 90 % interval of the date is `low` to `high`.
+    `size`, `sigma`: those of the change, SI; of a creep, so far. `probability`: that there is a change; `causes`: whose
+    it is; `seen`: recordings on its shorter side. `level`, `level_sigma`: level since then minus the robot's first.
+    `until`: the day of the next change; `others`: number of robots that did not change alike.
     """
 
     robot: str
@@ -48,12 +48,12 @@ class Event:
 
     @property
     def cause(self) -> str:
-        """The likeliest."""
+        """The likeliest cause."""
         return max(self.causes, key=lambda name: self.causes[name])
 
 
 def events(series: Series, changes: Changes, trend: Trend) -> Iterator[Event]:
-    """The changes between a robot's segments; not yet judged. `changes`: of this series alone."""
+    """Yield the changes between a robot's segments, not yet judged. `changes`: those of this series alone."""
     segments = trend.segments
     if segments and segments[0][0] == CREEP and segments[0][2]:
         yield _creeping(series, changes, trend, segments[0][2])
@@ -65,7 +65,7 @@ def _between(series: Series, changes: Changes, trend: Trend, before: Segment, af
     (_, s0, e0), (kind, s, e) = before, after
     at = np.arange(s0 + 1, e + 1)
     mass = changes.change[0, at]
-    # Its own date: neighbours that no change at all lies between.
+    # Only its own date: the mass connected to the peak.
     near = _around(mass, s - s0 - 1)
     at, mass = at[near], mass[near]
     total = np.cumsum(mass) / mass.sum()
@@ -97,7 +97,7 @@ def change(series: Series, trend: Trend, before: Segment, after: Segment) -> tup
     """Size and sigma of the change between two segments."""
     (kind0, s0, e0), (kind, s, e) = before, after
     last, day = e if kind == CREEP else s, series.day
-    # What crept before goes on until the change, which is at any time between the two recordings.
+    # An earlier creep goes on until the change, whose time is uniform between the two recordings.
     crept = (trend.level[e0] - trend.level[s0]) / (day[e0] - day[s0]) if kind0 == CREEP and e0 > s0 else 0.0
     gap = day[s] - day[e0]
     further = crept * gap
@@ -107,7 +107,7 @@ def change(series: Series, trend: Trend, before: Segment, after: Segment) -> tup
 
 
 def _around(mass: Array, peak: int) -> slice:
-    """The neighbourhood of a date that has posterior mass."""
+    """Neighbourhood of a date that has posterior mass."""
     low = high = peak
     while low > 0 and mass[low - 1] > NOT_SEEN:
         low -= 1
@@ -117,7 +117,7 @@ def _around(mass: Array, peak: int) -> slice:
 
 
 def _creeping(series: Series, changes: Changes, trend: Trend, end: int) -> Event:
-    """The event of a level that crept from the first recording on."""
+    """Event of a level that crept from the first recording on."""
     p, day = float(changes.segments[0, CREEP, 0, end:].sum()), series.day
     size = float(trend.level[end] - trend.level[0])
     sigma = float(np.hypot(trend.sigma[end], trend.sigma[0]))
@@ -128,13 +128,13 @@ def _creeping(series: Series, changes: Changes, trend: Trend, end: int) -> Event
 
 
 def _beyond_half(trend: Trend, first: int, last: int) -> int:
-    """Count recordings that show more than half of what crept: one alone may as well be an outlier."""
+    """Count recordings that show more than half of the creep: a single one may be an outlier."""
     crept = (trend.level[first : last + 1] - trend.level[first]) / (trend.level[last] - trend.level[first])
     return int((crept > 0.5).sum())
 
 
 def with_maintenance(event: Event, done: Sequence[Maintained]) -> Event:
-    """The event with what was done to the robot between its dates, if it can be the cause."""
+    """Add to an event the maintenance of the robot between its dates, if that can be the cause."""
     for one in done:
         is_then = one.robot == event.robot and event.low <= one.until and one.day <= event.high
         if is_then and one.means(event.name) is not False:

@@ -1,4 +1,4 @@
-"""Files of a folder or a bucket, by fsspec: `s3://bucket/store` works as a folder does."""
+"""Files of a folder or a bucket, by fsspec: `s3://bucket/store` works like a folder."""
 
 import contextlib
 from pathlib import Path
@@ -12,7 +12,7 @@ from drd.state.store import replace_file
 
 
 class Files:
-    """A folder, or a prefix of a bucket, and what is below it; names are relative to it, with "/"."""
+    """A folder, or a prefix of a bucket, and the files below it; names are relative to it, with "/"."""
 
     def __init__(self, url: str | Path):
         self.url = str(url).rstrip("/")
@@ -20,22 +20,22 @@ class Files:
         self.is_local = isinstance(self.system, LocalFileSystem)
 
     def path(self, name: str) -> str:
-        """The path as the file system has it."""
+        """Path in the file system."""
         return f"{self.root}/{name}" if name else self.root
 
     def arrow(self) -> Any:
-        """The file system as pyarrow has it."""
+        """File system for pyarrow."""
         return pafs.LocalFileSystem() if self.is_local else pafs.PyFileSystem(pafs.FSSpecHandler(self.system))
 
     def read(self, name: str) -> bytes | None:
-        """The content; None where there is no such file."""
+        """Read a file; None if it does not exist."""
         try:
             return bytes(self.system.cat_file(self.path(name)))
         except FileNotFoundError:
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file whole or not at all: a folder's by a rename, a bucket's objects appear whole."""
+        """Write a file atomically: by a rename in a folder; a bucket's objects are atomic."""
         path = self.path(name)
         if not self.is_local:
             self.system.pipe_file(path, content)
@@ -43,12 +43,12 @@ class Files:
         replace_file(Path(path), content)
 
     def remove(self, name: str) -> None:
-        """Remove a file, if it is there."""
+        """Remove a file if it exists."""
         with contextlib.suppress(FileNotFoundError):
             self.system.rm_file(self.path(name))
 
     def below(self, name: str, suffix: str) -> list[str]:
-        """Names of all files below a folder that end so, sorted; none where there is no such folder."""
+        """Names of all files below a folder that end in `suffix`, sorted; none if the folder does not exist."""
         self.system.invalidate_cache()
         start = len(self.root) + 1
         found = self.system.find(self.path(name))

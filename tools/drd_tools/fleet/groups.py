@@ -1,4 +1,4 @@
-"""Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (106)"""
+"""Changes common to a group of robots, and the cause of a robot's change: its place, its batch, or itself. (106)"""
 
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
@@ -11,29 +11,29 @@ from drd_tools import robust
 from drd_tools.fleet.population import Population, Step
 from drd_tools.fleet.series import Integers, Log
 
-# Days between changes of a robot's constant, of a floor's and of a batch's.
+# Mean days between changes of a robot's constant, of a floor and of a batch.
 ROBOT_DAYS: Final = 2000.0
 DAYS: Final = {"place": 2000.0, "batch": 2000.0}
-LEAST_GROUP: Final = 3  # robots, of which the median is not led by one
-MOST_STEPS: Final = 4  # of a constant: limits a greedy search
+LEAST_GROUP: Final = 3  # robots, so that one alone does not determine the median
+MOST_STEPS: Final = 4  # per constant: limits a greedy search
 SURE_NATS: Final = 3.0  # 20 to 1
-LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
-CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
-MOSTLY: Final = 0.75  # of a group's robots must show its change: some have something of their own
-ALIKE: Final = 1.0  # part of a group's step by which a robot's may differ
-NOTHING: Final = 1e-9  # of the information: what rounding leaves
-MOST_DAYS: Final = 120  # that are tried
+LEAST_PART: Final = 0.1  # of a jump: smaller steps are due to effects that are common to no group, such as wear
+CLIP: Final = 3.0  # sigmas from the median, for robots with changes of their own
+MOSTLY: Final = 0.75  # share of a group's robots that must show its change: some have changes of their own
+ALIKE: Final = 1.0  # fraction of a group's step by which a robot's may differ
+NOTHING: Final = 1e-9  # fraction of the information: rounding errors
+MOST_DAYS: Final = 120  # dates tried
 
 
 class Score(NamedTuple):
-    """Score and information of a unit step, for each segment's robot; shape (robots,)."""
+    """Score and information of a unit step for each robot, shape (robots,)."""
 
     score: Array
     information: Array
 
 
 def scored(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Score:
-    """Score and information of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
+    """Score and information of the regressor `x` (n,) in the residual `left` (n,), each segment's level free. (106)"""
     w = 1.0 / p.variance(log)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
@@ -52,14 +52,14 @@ def _sums(of: Integers, values: Array, many: int) -> Array:
 
 
 def gain(size: float, sigma: float, jump: float) -> float:
-    """Log Bayes factor of a step of an estimate `size` +- `sigma` whose prior is N(0, jump^2)."""
+    """Log Bayes factor of a step estimated as `size` +- `sigma` whose prior is N(0, jump^2)."""
     return float(_nats(size / sigma**2, sigma**-2, jump))
 
 
 def pooled(found: Score, jump: float) -> tuple[float, float, int]:
     """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (106)
 
-    The sigma is infinite where they do not show it alike.
+    The sigma is infinite if they do not agree.
     """
     seen = found.information > 1.0 / jump**2
     many = int(seen.sum())
@@ -67,7 +67,7 @@ def pooled(found: Score, jump: float) -> tuple[float, float, int]:
         return 0.0, np.inf, many
     size, variance = found.score[seen] / found.information[seen], 1.0 / found.information[seen]
     middle = float(np.median(size))
-    # Two of three with a cause of their own must not speak for the third.
+    # Two of three robots with causes of their own must not decide for the third.
     is_alike = np.abs(size - middle) < np.maximum(0.5 * abs(middle), 2.0 * np.sqrt(variance))
     is_shared = bool(is_alike.sum() >= max(LEAST_GROUP, MOSTLY * many))
     scale = robust.deviation(size)
@@ -80,10 +80,10 @@ def pooled(found: Score, jump: float) -> tuple[float, float, int]:
 def stays_without_any(
     log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array, off: float
 ) -> bool:
-    """Whether a group's offset stays beyond its interval of 90 %, whichever robot is left out. (107)
+    """Whether the 90 % interval of a group's offset excludes 0, whichever robot is left out. (107)
 
-    `x`: 1 in the group, `left`: with the offset in it, both (n,). The mean of all is free: a place that one robot alone
-    has seen, or alone has left, says nothing of places; it may as well be the robot.
+    `x`: 1 in the group; `left`: residual that includes the offset; both (n,). The mean of all is free: a place where
+    only one robot has been, or which only one has left, is no evidence on places; the robot may be the cause.
     """
     one = np.ones(len(x))
     (of_x, xx), (of_one, ones), (_, both) = (
@@ -97,7 +97,7 @@ def stays_without_any(
 
 
 def explained(found: Score, size: float) -> float:
-    """Nats that one step of `size` explains in the robots, without those that have something of their own. (106)"""
+    """Nats that one step of `size` explains in the robots, except those with changes of their own. (106)"""
     information = np.maximum(found.information, 1e-300)
     gained = size * found.score - 0.5 * size**2 * information
     off = np.abs(found.score / information - size) / max(abs(size), 1e-300)
@@ -105,7 +105,7 @@ def explained(found: Score, size: float) -> float:
 
 
 def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Array) -> Step | None:
-    """The surest change of a place or a batch in what is left of a model without it; None: none is sure."""
+    """Find the surest change of a place or a batch in the residual of a model without it; None if none is sure."""
     days = np.unique(np.floor(log.day))[1:]
     days = days[:: max(1, len(days) // MOST_DAYS)]
     groups = [("place", k) for k in range(len(log.places)) if len(log.places) > 1]
@@ -118,10 +118,10 @@ def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Ar
 def _best_step(
     log: Log, p: Population, segment: Integers, levels: Integers, left: Array, kind: str, which: int, days: Array
 ) -> tuple[float, Step | None]:
-    """The date of one group that explains most, if it is sure there."""
+    """Find the date at which a group's step explains most; the step is None unless sure."""
     jump = log.constant.jump
     if kind == "place":
-        # Each robot has a level of its own at the place, so that how far the place is off is free.
+        # Each robot has its own level at the place, so that the place's offset is free.
         pair, segment = np.unique(2 * segment + (log.place == which), return_inverse=True)
         levels = levels[pair // 2] * 0
     nats, at = [], []
@@ -135,7 +135,7 @@ def _best_step(
     size, sigma, robots = at[k]
     if not np.isfinite(sigma):
         return -np.inf, None
-    # At one date of many, all equally likely beforehand.
+    # One date of many, all equally likely a priori.
     odds = gain(size, sigma, jump) - np.log(DAYS[kind])
     step = Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
     return nats[k], step if odds > SURE_NATS and abs(size) > LEAST_PART * jump else None
@@ -147,9 +147,9 @@ def causes(
 ) -> dict[str, float]:  # fmt: skip
     """Probabilities that a change of a robot is its own, a place's, or its batch's. (106)
 
-    `shape`: the change's course over all recordings, shape (n,), of unit size. `beside`: which robots change alike at
-    that time, this one among them, shape (robots,); `segment`, `left`: with none of that taken off. A group's change is
-    the same in all of its robots, and those beside that are not of it have changes of their own.
+    `shape`: the change's course over all recordings, shape (n,), of unit size. `beside`: the robots that change alike
+    at that time, including this one, shape (robots,); `segment`, `left`: without these changes removed. A group's
+    change is the same in all of its robots; those of `beside` outside the group have changes of their own.
     """
     jump, mine = log.constant.jump, log.robot == robot
     each = scored(log, p, segment, levels, left, shape)
@@ -174,7 +174,7 @@ def causes(
 
 
 def _nats(score: Any, information: Any, jump: float) -> Any:
-    """Log Bayes factor of one size N(0, jump^2) against none."""
+    """Log Bayes factor of a size N(0, jump^2) against 0."""
     return 0.5 * (score**2 / (information + jump**-2) - np.log1p(jump**2 * information))
 
 

@@ -1,7 +1,7 @@
-"""A fleet that never was: what happens to its robots, floors and gyros, and what each recording should say.
+"""A simulated fleet: the history of its robots, floors and gyros, and the true constants of each recording.
 
-`draw` makes a `Fleet` of a seed: the robots, the log of maintenance, all that happens (`Happening`), and the true
-constants of each recording. `summaries` adds the errors that a diagnosis makes, without any drive.
+`draw` makes a `Fleet` from a seed: the robots, the maintenance log, all changes (`Happening`), and the true constants
+of each recording. `summaries` adds the errors of a diagnosis, without simulating any drive.
 """
 
 from collections.abc import Iterator
@@ -18,31 +18,31 @@ BEGIN: Final = datetime(2026, 3, 1, tzinfo=UTC)
 PLACES: Final = ("hall", "yard", "lab", "dock")
 BATCHES: Final = ("A", "B", "C")
 RADII: Final = ("radius_left", "radius_right")
-SMALLEST: Final = 0.005  # of the changes of a radius: what the goals are stated for
+SMALLEST: Final = 0.005  # smallest change of a radius, for which the goals are stated
 ABSENT: Final = 0.1  # share of the days on which a robot does not drive
-# Robots of one kind differ by so much (sigma), and wander so much in a day: wear, load.
+# Sigma between robots of one kind, and sigma of the random walk per day: wear, load.
 SPREAD: Final = {
     "radius_left": 0.003, "radius_right": 0.003, "tread": 0.01, "lag_s": 0.003, "gyro_scale": 0.001, "bias_per_c": 2e-6,
 }  # fmt: skip
 WALK: Final = {"radius_left": 2e-5, "radius_right": 2e-5, "tread": 1e-4, "gyro_scale": 5e-6}
 SEASON: Final = 0.001  # of the radii, from the coldest to the warmest day
-# Sigma that a drive of two minutes leaves, its scatter (of the logarithm), and the true error over it. Measured on ten
+# Sigma after a drive of two minutes, its scatter (of the logarithm), and the true error over it. Measured on ten
 # simulated drives of each of warehouse, field and eights with the wheels' calibrator: radii 3.4e-4 to 3.8e-4, tread
 # 1.8e-3 to 3.3e-3, lag 1.3 to 9 ms, errors 0.5 to 0.85 sigma. Scale and bias: a heading of 0.15 deg after 1,500 deg of
-# turns, and a rate of 0.45 deg/h over 2 degC. 27 such drives that were diagnosed left 2.1e-4, 2.1e-4, 2.5e-3, 1.5e-3,
-# 4.8e-5 and 1.1e-5, with errors of 0.8 to 1.35 sigma: these are worse by up to four times, but for the last one.
+# turns, and a rate of 0.45 deg/h over 2 degC. Diagnosing 27 such drives left 2.1e-4, 2.1e-4, 2.5e-3, 1.5e-3, 4.8e-5
+# and 1.1e-5, with errors of 0.8 to 1.35 sigma: the values here are up to four times worse, except the last one.
 SIGMA: Final = {
     "radius_left": 3.7e-4, "radius_right": 3.7e-4, "tread": 2.7e-3, "lag_s": 5e-3,
     "gyro_scale": 2e-4, "bias_per_c": 1e-6,
 }  # fmt: skip
 SIGMA_SCATTER: Final = 0.2
-TAILS: Final = 5.0  # degrees of freedom of the errors, of one sigma: a bit worse than measured
-OUTLIERS, OUTLIER_SIGMAS = 0.01, (5.0, 15.0)  # recordings that went wrong, and by how much
+TAILS: Final = 5.0  # degrees of freedom of the errors, of unit sigma: slightly worse than measured
+OUTLIERS, OUTLIER_SIGMAS = 0.01, (5.0, 15.0)  # share of faulty recordings, and their errors
 
 
 @dataclass(frozen=True)
 class Happening:
-    """A change of a robot, place or batch. `size`: SI; a creep reaches it at `until`. `day`: of the history."""
+    """A change of a robot, place or batch. `size`: SI; a creep reaches it at `until`. `day`: day of the history."""
 
     kind: str
     who: str
@@ -53,7 +53,7 @@ class Happening:
     until: float | None = None
 
     def at(self, day: float) -> float:
-        """The size that it adds on a day."""
+        """Size that it adds on a day."""
         if day < self.day:
             return 0.0
         if self.form == "creep" and self.until is not None:
@@ -63,7 +63,7 @@ class Happening:
 
 @dataclass(frozen=True)
 class Drive:
-    """A recording to make, and the constants that are true of it."""
+    """A recording to make, and its true constants."""
 
     recording: str
     robot: str
@@ -74,13 +74,13 @@ class Drive:
 
     @property
     def start_utc(self) -> datetime:
-        """Time at which it begins, to the second."""
+        """Start, to the second."""
         return BEGIN + timedelta(seconds=round(self.day * 86_400.0))
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Robots with batch and places, what was done and what happened, and all drives by time."""
+    """Robots with batch and places, maintenance, changes, and all drives by time."""
 
     batch: dict[str, str]
     places: dict[str, list[str]]
@@ -90,7 +90,7 @@ class Fleet:
 
 
 def draw(robots: int, days: int, seed: int) -> Fleet:
-    """A fleet of a seed: about half of the robots change."""
+    """Draw a fleet from a seed; about half of the robots change."""
     random = np.random.default_rng([seed, robots, days])
     names = [f"robot{i + 1}" for i in range(robots)]
     batch = {name: BATCHES[i % len(BATCHES)] for i, name in enumerate(names)}
@@ -104,7 +104,7 @@ def draw(robots: int, days: int, seed: int) -> Fleet:
 
 
 def _of_groups(random: np.random.Generator, days: int) -> Iterator[Happening]:
-    """A floor that always was another, one that becomes another, a batch of gyros apart and one that changes."""
+    """Draw a floor that always differs, one that changes, a gyro batch that always deviates and one that changes."""
     rough, laid = random.choice(PLACES, 2, replace=False)
     yield Happening("place", str(rough), "tread", "step", -1.0, float(random.uniform(0.02, 0.04)))
     yield Happening("place", str(laid), "tread", "step", float(random.uniform(0.3, 0.7) * days), 0.03)
@@ -114,7 +114,7 @@ def _of_groups(random: np.random.Generator, days: int) -> Iterator[Happening]:
 
 
 def _happen(fleet: Fleet, robot: str, days: int, random: np.random.Generator) -> None:
-    """Draw a robot's history: nothing, a change, a leak with a new tyre, a swap, another gyro, work without effect."""
+    """Draw a robot's history: nothing, a change, a leak and its repair, a swap, a new gyro, tread, or idle work."""
     kind = random.choice(["nothing", "change", "leak", "swap", "gyro", "tread", "idle"],
                          p=[0.35, 0.25, 0.12, 0.1, 0.06, 0.06, 0.06])  # fmt: skip
     day, sign = float(random.uniform(0.15, 0.85) * days), float(random.choice([-1.0, 1.0]))
@@ -178,7 +178,7 @@ def _drives(fleet: Fleet, names: list[str], days: int, random: np.random.Generat
 
 
 def summaries(fleet: Fleet, seed: int) -> list[dict[str, Any]]:
-    """Rows of the table of constants, with the errors of a diagnosis: no drive is simulated."""
+    """Rows of the table of constants, with the errors of a diagnosis; no drive is simulated."""
     random = np.random.default_rng([seed, 1])
     rows = []
     for drive in fleet.drives:
@@ -197,10 +197,10 @@ def summaries(fleet: Fleet, seed: int) -> list[dict[str, Any]]:
 
 
 def table(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
-    """Rows as columns."""
+    """Turn rows into columns."""
     return {key: [row[key] for row in rows] for key in (rows[0] if rows else ())}
 
 
 def maintenance_rows(fleet: Fleet) -> list[dict[str, Any]]:
-    """The log of maintenance with dates as times."""
+    """Maintenance log with dates as times."""
     return [{**row, "date": datetime.fromisoformat(row["date"]).replace(tzinfo=UTC)} for row in fleet.maintenance]

@@ -1,7 +1,7 @@
-"""Whose recording it is, where and when: from the recording itself, and from ROBOTS.yaml, which has precedence.
+"""Labels of recordings (robot, place, batch, start): their own, overridden by those of ROBOTS.yaml.
 
-A recording may bring fleet.yaml (FILE.fleet.yaml beside FILE.mcap). ROBOTS.yaml is a list of rules, all of which apply
-to the recordings that they match, one after the other; patterns are those of a shell, on the path below FOLDERS.
+A recording may bring fleet.yaml (FILE.fleet.yaml next to FILE.mcap). ROBOTS.yaml is a list of rules, all of which apply
+in turn to the recordings that they match; patterns are those of a shell, on the path below FOLDERS.
 """
 
 import csv
@@ -24,25 +24,25 @@ UNKNOWN: Final = "unknown"
 NULL: Final = ("", "~", "null")  # of YAML
 RUN: Final = re.compile(r"-(\d{8}T\d{6}Z)-[0-9a-f]+-\d+")  # in the name of a daemon's file
 HEADER: Final = ("date", "robot", "what")
-# Not UTF-8, no YAML, no date (nor one in UTC), or another form; regular expressions and lists can be nested too deep.
+# Not UTF-8, no YAML, no date (or none in UTC), wrong form; regular expressions and lists can be nested too deeply.
 UNREADABLE: Final = (ValueError, OverflowError, RecursionError, yaml.YAMLError)
 
 
 class Labels(Struct, frozen=True, forbid_unknown_fields=True):
-    """The labels of a recording, known beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
+    """Labels of a recording; None if unknown. `batch`: that of the robot's gyro."""
 
     robot: str | None = None
     place: str | None = None
     batch: str | None = None
-    start: datetime | None = None  # UTC where it names no zone
+    start: datetime | None = None  # UTC if it has no zone
 
     def over(self, other: "Labels") -> "Labels":
-        """These labels, and where they say nothing the other's."""
+        """These labels, with the other's in place of those unknown."""
         pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
         return Labels(*(a if a is not None else b for a, b in pairs))
 
     def columns(self, begins_s: float = 0.0) -> dict[str, Any]:
-        """Columns of the tables that hold these labels, for what begins so long after the start."""
+        """Label columns of the tables, for a part that begins `begins_s` after the start."""
         start = _utc(self.start)
         with suppress(OverflowError):  # beyond the year 9999
             start = start and start + timedelta(seconds=begins_s)
@@ -53,7 +53,7 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True):
     """Labels of the recordings that match one of the patterns.
 
     `start_in_name`: a regular expression that finds the start in the recording's name, with groups named year, month,
-    day, hour, minute and second; a year of two digits is of this century.
+    day, hour, minute and second; a two-digit year is of this century.
     """
 
     recordings: list[str]
@@ -63,13 +63,13 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True):
     start_in_name: str | None = None
 
     def labels(self, name: str) -> Labels:
-        """The labels of a recording of that name. Raises ConfigError where its start is no date."""
+        """Labels of a recording by its name. Raises ConfigError if its start is no date."""
         found = re.search(self.start_in_name, name) if self.start_in_name else None
         return Labels(self.robot, self.place, self.batch, None if found is None else _date(name, found))
 
 
 def read_rules(file: str | None) -> list[Rule]:
-    """The rules of ROBOTS.yaml; none without a file. Raises ConfigError."""
+    """Read the rules of ROBOTS.yaml; none without a file. Raises ConfigError."""
     if file is None:
         return []
     try:
@@ -82,7 +82,7 @@ def read_rules(file: str | None) -> list[Rule]:
 
 
 def ruled(rules: Sequence[Rule], name: str, own: Labels) -> Labels:
-    """The labels that the rules give a recording of that name, a later one over an earlier, over its own."""
+    """Override a recording's `own` labels by those of the rules that match its name, later ones over earlier ones."""
     for rule in rules:
         if any(fnmatchcase(name, pattern) for pattern in rule.recordings):
             own = rule.labels(name).over(own)
@@ -90,7 +90,7 @@ def ruled(rules: Sequence[Rule], name: str, own: Labels) -> Labels:
 
 
 def read_own(file: Path) -> Labels:
-    """The labels that a recording brings; none without its file. Raises ConfigError."""
+    """Read a recording's own labels; none without its file. Raises ConfigError."""
     if not file.exists():
         return Labels()
     try:
@@ -100,13 +100,13 @@ def read_own(file: Path) -> Labels:
 
 
 def start_of_run(name: str) -> datetime | None:
-    """Time at which a run began, by the name that the daemon gives its file; None for another name."""
+    """Start of a run, from the name that the daemon gives its file; None for another name."""
     found = RUN.search(name)
     return None if found is None else datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
 
 
 def _loaded(text: str) -> Any:
-    """YAML in which what names something is text, even if it looks like a number: robot 7 is "7"."""
+    """Load YAML with names as text, even if they look like numbers: robot 7 is "7"."""
     return _typed(yaml.load(text, yaml.BaseLoader))
 
 
@@ -122,7 +122,7 @@ def _typed(value: Any) -> Any:
 
 
 def read_maintenance(file: str) -> list[dict[str, Any]]:
-    """Rows of the log of maintenance: date, robot, what. Raises ConfigError."""
+    """Read the maintenance log: rows with date, robot, what. Raises ConfigError."""
     rows = list(csv.reader(_text(file).splitlines()))
     if not rows or tuple(cell.strip() for cell in rows[0]) != HEADER:
         raise ConfigError(f"{file}:1", "header", ",".join(HEADER), ",".join(rows[0]) if rows else "an empty file")
@@ -173,7 +173,7 @@ def as_text(own: Labels) -> str:
 
 
 def from_text(text: str) -> Labels:
-    """Labels of JSON. Raises ConfigError."""
+    """Labels from JSON. Raises ConfigError."""
     try:
         return msgspec.json.decode(text, type=Labels)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""One robot's constant over time: its level in each segment, by Gaussian regression with outliers weighed down."""
+"""One robot's constant over time: its level in each segment, by Gaussian process regression, robust to outliers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from drd_tools.fleet.changes import CREEP, OUTLIERS
 from drd_tools.fleet.population import Population
 from drd_tools.fleet.series import Constant, Log
 
-LEAST_SEEN: Final = 2  # recordings before a change and since: one alone may be an outlier
-WEIGHED: Final = 2  # times that outliers are weighed anew
-MOST_ODDS: Final = 50.0  # nats: beyond it the odds are sure, and their exponential is still finite
+LEAST_SEEN: Final = 2  # recordings before and after a change: one alone may be an outlier
+WEIGHED: Final = 2  # iterations of the outliers' weights
+MOST_ODDS: Final = 50.0  # nats: certain, and the exponential is still finite
 Segment = tuple[int, int, int]  # kind, first and last observation
 Segments = Sequence[Segment]
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A robot's level, less what it shares: at each of its recordings, shape (n,), SI."""
+    """A robot's level without its shared part, at each of its recordings, shape (n,), SI."""
 
     segments: Segments
     level: Array
@@ -28,16 +28,16 @@ class Trend:
 
     @property
     def first(self) -> int:
-        """End of the first segment that is no single recording: where the robot set out from."""
+        """End of the first segment of more than one recording: the robot's initial level."""
         return next((e for _, s, e in self.segments if e - s + 1 >= LEAST_SEEN), len(self.level) - 1)
 
 
 @dataclass(frozen=True)
 class Series:
-    """A constant in the n recordings of one robot, less what it shares; `day`, `value`, `variance`: shape (n,), SI.
+    """A constant in the n recordings of one robot without its shared part; `day`, `value`, `variance`: shape (n,), SI.
 
-    `mean`, `spread`: of its first level beforehand; `walk`: variance that a day adds. `inflation`: of the
-    levels' sigmas.
+    `mean`, `spread`: prior of its first level; `walk`: variance added per day. `inflation`: factor on the levels'
+    sigmas.
     """
 
     robot: str
@@ -53,7 +53,7 @@ class Series:
     inflation: float
 
     def smoothed(self, segments: Segments) -> Trend:
-        """The level in these segments, 0 with sigma 0 in what is in none of them. (104)"""
+        """Level in these segments; 0 with sigma 0 outside them. (104)"""
         level, sigma = np.zeros((2, len(self.day)))
         c = self.constant
         for kind, s, e in segments:
@@ -73,7 +73,7 @@ class Series:
 
 
 def series_of(log: Log, p: Population) -> list[Series]:
-    """Each robot's, in the log's order."""
+    """Series of each robot, in the log's order."""
     value, variance, expected = log.value - p.shared(log), p.variance(log), p.expected(log)
     return [
         Series(robot, log.name, log.constant, log.recordings[rows], log.day[rows], value[rows], variance[rows],
@@ -84,7 +84,7 @@ def series_of(log: Log, p: Population) -> list[Series]:
 
 
 def _inliers(off: Array, variance: Array, jump: float) -> Array:
-    """Weights that stand for the mixture of (104)."""
+    """Weights equivalent to the mixture of (104)."""
     far = variance + jump**2
     odds = np.log(OUTLIERS / (1.0 - OUTLIERS)) + 0.5 * (np.log(variance / far) + off**2 * (1.0 / variance - 1.0 / far))
     outlier = 1.0 / (1.0 + np.exp(-np.clip(odds, -MOST_ODDS, MOST_ODDS)))

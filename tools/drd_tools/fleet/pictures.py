@@ -1,4 +1,4 @@
-"""Pictures of a fleet: all robots and constants at once, and the trends of single ones."""
+"""Pictures of a fleet: all robots and constants in one, and trends of single robots."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -15,7 +15,7 @@ from drd_tools.fleet.series import CONSTANTS, S_PER_DAY
 from drd_tools.fleet.statistics import Fitted
 from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, ORANGE, SERIES, VERMILION, picture, tidy
 
-LABELLED: Final = 60  # robots whose names still fit
+LABELLED: Final = 60  # most robots whose names fit
 COLOURS: Final = "RdBu_r"
 
 
@@ -36,7 +36,7 @@ def overview(file: Path, robots: Sequence[str], names: Sequence[str], changes: A
 
 
 def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> None:
-    """Draw a robot's constant: recordings by place, the level with a 90 % band, changes, maintenance, the others."""
+    """Draw a robot's constant: recordings by place, level with 90 % band, changes, maintenance, other robots."""
     log, p, c = fitted.log, fitted.population, fitted.log.constant
     number = log.robots.index(robot)
     rows, line = log.rows(number), fitted.trends[number]
@@ -68,7 +68,7 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
 
 
 def _others(axes: Any, fitted: Fitted, number: int) -> None:
-    """Shade where nine of ten of the other robots' levels are."""
+    """Shade the range of nine of ten of the other robots' levels."""
     factor = fitted.log.constant.factor
     level = [t.level[-1] for i, t in enumerate(fitted.trends) if i != number and len(t.level)]
     if len(level) > 1:
@@ -77,5 +77,5 @@ def _others(axes: Any, fitted: Fitted, number: int) -> None:
 
 
 def times(days: Array) -> list[datetime]:
-    """Days since 1970 as matplotlib draws them."""
+    """Convert days since 1970 to datetimes for matplotlib."""
     return [datetime.fromtimestamp(float(day) * S_PER_DAY, UTC) for day in days]

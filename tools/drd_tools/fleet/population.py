@@ -1,9 +1,9 @@
-"""The population of a constant, which robots have in common, by partial pooling.
+"""Population of a constant: the part that robots share, by partial pooling.
 
     value = mean + batch + robot + place + season(time) + steps + noise
 
-is linear and Gaussian; how much robots, batches, places and noise scatter is estimated with it (empirical Bayes, EM).
-A robot's level is one for each of its segments (`changes`).
+is linear and Gaussian; the scatter of robots, batches, places and noise is estimated with it (empirical Bayes, EM).
+A robot has one level for each of its segments (`changes`).
 """
 
 from dataclasses import dataclass, replace
@@ -15,23 +15,23 @@ from drd.arrays import Array
 from drd_tools import robust
 from drd_tools.fleet.series import Integers, Log
 
-ROUNDS: Final = 12  # of EM; the deviations move by less than a tenth from then on
-KNOT_DAYS: Final = 14.0  # of the season: weather and load change over weeks
-LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from what one has
-# Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
+ROUNDS: Final = 12  # of EM; after that the standard deviations move by less than a tenth
+KNOT_DAYS: Final = 14.0  # spacing of the season's knots: weather and load change over weeks
+LEAST_ROBOTS: Final = 5  # with fewer, a shared change cannot be told from that of one robot
+# Prior scatter of groups, in fractions of the jump, with the weight of one group: groups are few.
 GROUP_PART: Final = 0.1
-FREEDOM: Final = 4.0  # degrees, of Student's t: robots that leak must not pull what all have in common
-WALK_PART: Final = 0.003  # of a jump, per square root of a day: before it is estimated
-LEAST_PAIRS: Final = 10  # of recordings that follow each other, to tell noise from
-HALVINGS: Final = 30  # of an interval: to nine digits
+FREEDOM: Final = 4.0  # degrees of freedom of Student's t: leaking robots must not pull the shared part
+WALK_PART: Final = 0.003  # of a jump, per square root of a day: initial value
+LEAST_PAIRS: Final = 10  # pairs of successive recordings needed to estimate the noise
+HALVINGS: Final = 30  # bisections: to nine digits
 NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
 
 
 @dataclass(frozen=True)
 class Step:
-    """A change that all robots of a group show: `kind` is place or batch, `which` its number.
+    """A change common to all robots of a group: `kind` is place or batch, `which` its number.
 
-    `robots`: that were seen both before and since. `size`, `sigma`: SI.
+    `robots`: number of those observed both before and after. `size`, `sigma`: SI.
     """
 
     kind: str
@@ -43,20 +43,19 @@ class Step:
     robots: int
 
     def rows(self, log: Log) -> Array:
-        """1 where it has come, shape (n,)."""
+        """1 for the group's recordings since the change, else 0, shape (n,)."""
         group = log.place if self.kind == "place" else log.batch_of[log.robot]
         return np.asarray((group == self.which) & (log.day >= self.day), float)
 
 
-# Of each group: how far it is off the others, and the sigma of that.
+# Offset of each group from the others, and its sigma.
 Apart = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
 class Population:
-    """`spread`: of robots about their batch; `walk`: variance per day; `excess`: of recordings beyond their sigma.
-
-    `batch`, `place` with `place_sigma`, and the `season` at `knots` (days): SI.
+    """Parameters of the population. `spread`: sigma of robots about their batch; `walk`: variance per day; `excess`:
+    noise of recordings beyond their sigma. `batch`, `place` with `place_sigma`, and the `season` at `knots` (days): SI.
     """
 
     mean: float
@@ -69,29 +68,29 @@ class Population:
     knots: Array
     season: Array
     steps: tuple[Step, ...] = ()
-    scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of batches, places, knots
+    scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # sigmas of batches, places, knots
     batch_apart: Apart = ()
     place_apart: Apart = ()
-    inflation: float = 1.0  # of the levels' sigmas
+    inflation: float = 1.0  # factor on the levels' sigmas
 
     def shared(self, log: Log) -> Array:
-        """The sum that place, season and steps add to each recording, shape (n,)."""
+        """Sum of place, season and steps for each recording, shape (n,)."""
         found = self.place[log.place] + np.interp(log.day, self.knots, self.season)
         for step in self.steps:
             found = found + step.size * step.rows(log)
         return np.asarray(found)
 
     def variance(self, log: Log) -> Array:
-        """The variance of each recording about its robot's level, shape (n,)."""
+        """Variance of each recording about its robot's level, shape (n,)."""
         return np.asarray(log.sigma**2 + self.excess**2 + self.place_sigma[log.place] ** 2)
 
     def expected(self, log: Log) -> Array:
-        """A robot's level before anything is seen of it, shape (robots,)."""
+        """Prior mean of each robot's level, shape (robots,)."""
         return np.asarray(self.mean + self.batch[log.batch_of])
 
 
 def first_guess(log: Log) -> Population:
-    """Robust figures to set out from: medians."""
+    """Robust initial values: medians."""
     robots = len(log.robots)
     middle = np.array([np.median(log.value[log.rows(i)]) for i in range(robots) if np.any(log.robot == i)])
     mean = float(np.median(middle))
@@ -108,10 +107,10 @@ def first_guess(log: Log) -> Population:
 
 
 def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: Integers) -> Population:
-    """Estimate all figures anew, for given segments. (102), (103)
+    """Estimate all parameters, given the segments. (102), (103)
 
-    `segment`: each recording's number, shape (n,); `drift`: what creeps within it, shape (n,); `levels`: 1 of a
-    segment that is its robot's first, 0 of others, shape (segments,).
+    `segment`: number of each recording's segment, shape (n,); `drift`: creep within it, shape (n,); `levels`: 1 for the
+    first segment of a robot, 0 for others, shape (segments,).
     """
     X, prior = _design(log, before)
     found = before
@@ -130,14 +129,14 @@ def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: I
 
 @dataclass(frozen=True)
 class _Levels:
-    """Levels of segments, beyond what their groups say."""
+    """Levels of segments relative to their groups."""
 
     mean: Array
     variance: Array
 
 
 def _design(log: Log, p: Population) -> tuple[Array, Array]:
-    """Columns of the mean, batches, places, knots and steps, and the precision that each has beforehand."""
+    """Columns of the mean, batches, places, knots and steps, and their prior precision."""
     n, batch = len(log.value), log.batch_of[log.robot]
     knots = np.column_stack([np.interp(log.day, p.knots, unit) for unit in np.eye(len(p.knots))])
     steps = [step.rows(log)[:, None] for step in p.steps]
@@ -146,7 +145,7 @@ def _design(log: Log, p: Population) -> tuple[Array, Array]:
 
 
 def _precisions(log: Log, p: Population) -> Array:
-    """The columns' precision beforehand, shape (k, k): of the season that of a random walk, else independent."""
+    """Prior precision of the columns, shape (k, k): a random walk for the season, else independent."""
     jump, (batch, place, season) = log.constant.jump, p.scatter
     few = len(log.robots) < LEAST_ROBOTS
     season = 1e-6 * jump if few else season
@@ -157,7 +156,7 @@ def _precisions(log: Log, p: Population) -> Array:
     Q = np.zeros((k + m + len(p.steps),) * 2)
     Q[range(k), range(k)] = 1.0 / np.square(widths)
     change = np.eye(m)[1:] - np.eye(m)[:-1]
-    # The mean of the season is the mean's.
+    # The season has zero mean: its mean belongs to the population's.
     Q[k : k + m, k : k + m] = (change.T @ change + np.full((m, m), 1.0 / m)) / season**2
     at = range(k + m, len(Q))
     Q[at, at] = 1.0 / jump**2
@@ -168,7 +167,7 @@ def _solved(
     log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers,
     trust: Array,
 ) -> tuple[Array, Array, _Levels]:  # fmt: skip
-    """Generalised least squares with the segments' levels marginalised, and these; `trust`: weights (n,). (102)"""
+    """Generalised least squares, the segments' levels marginalised, then the levels; `trust`: weights (n,). (102)"""
     w = trust / (log.sigma**2 + p.excess**2)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
@@ -187,13 +186,13 @@ def _solved(
 
 
 def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers) -> Population:
-    """The M step: deviations from second moments. (103)"""
+    """M step: standard deviations from second moments. (103)"""
     sigma = np.sqrt(np.diag(covariance))
     b, q, m = len(log.batches), len(log.places), len(p.knots)
     parts = np.cumsum([1, b, q, m])
     jump = log.constant.jump
     first = np.flatnonzero(levels)
-    # The spread as a prior: one robot's worth of what robots of its kind have.
+    # The prior spread of this kind of robot counts as one robot.
     spread2 = (np.sum(level.mean[first] ** 2 + level.variance[first]) + log.constant.spread**2) / (len(first) + 1.0)
     pulled = [_scatter(beta[i:j], sigma[i:j], GROUP_PART * jump) for i, j in ((1, parts[1]), (parts[1], parts[2]))]
     at = slice(parts[2], parts[3])
@@ -218,7 +217,7 @@ def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Le
 
 
 def _apart(values: Array, covariance: Array) -> Apart:
-    """Each against the median of all; of two, against the other. The sigma is that against the mean of the others."""
+    """Offset of each group from the median of all, or of two from each other; sigma relative to the others' mean."""
     k = len(values)
     if k < 2:
         return ()
@@ -229,7 +228,7 @@ def _apart(values: Array, covariance: Array) -> Apart:
 
 
 def _about_their_mean(covariance: Array) -> Array:
-    """Sigmas of what groups differ in; the rest is the mean's."""
+    """Sigmas of the groups relative to their mean; the rest belongs to the population mean."""
     k = len(covariance)
     centre = np.eye(k) - 1.0 / k
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", centre, covariance, centre), 0.0)))
@@ -240,7 +239,7 @@ def _scatter(values: Array, sigmas: Array, prior: float) -> float:
 
 
 def _excess(log: Log) -> float:
-    """Noise beyond the stated: of recordings that follow each other in one place, few have a change between. (103)"""
+    """Noise beyond the stated sigma, from successive recordings in one place: few have a change between them. (103)"""
     order = np.lexsort((log.day, log.place, log.robot))
     same = (np.diff(log.robot[order]) == 0) & (np.diff(log.place[order]) == 0)
     square = np.diff(log.value[order])[same] ** 2

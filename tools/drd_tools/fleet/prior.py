@@ -1,4 +1,4 @@
-"""The prior that a robot's daemon should start with: the fleet's population and the robot's own history.
+"""Prior for a robot's daemon, from the fleet's population and the robot's own history.
 
 `expect` predicts each constant for the robot's next recording; `write_prior` writes it as model.yaml and prior.yaml.
 """
@@ -17,13 +17,13 @@ from drd_tools.fleet.groups import ROBOT_DAYS
 from drd_tools.fleet.statistics import Fitted, Statistics
 
 MODEL, PRIOR = "model.yaml", "prior.yaml"
-# Largest standard deviations that the configuration admits (drd/config/keys.py).
+# Largest standard deviations that the configuration allows (drd/config/keys.py).
 WHEEL_SCALE_MOST, TREAD_MOST, GYRO_SCALE_MOST, LAG_MOST_S = 0.5, 1.0, 0.5, 1.0
 HEAD: Final = "What the fleet and this robot's own history say that robot.yaml does not."
 
 
 class Expected(NamedTuple):
-    """A constant of the next recording, SI; `recordings`: of the robot's own that speak for it."""
+    """A predicted constant of the next recording, SI; `recordings`: number of the robot's own in its last segment."""
 
     name: str
     value: float
@@ -32,9 +32,9 @@ class Expected(NamedTuple):
 
 
 def expect(found: Statistics, robot: str, day: float, place: str | None = None) -> list[Expected]:
-    """The constants of a recording of `robot` on `day`, in a known place or any. (108)
+    """Predict the constants of a recording of `robot` on `day`, in a known place or any. (108)
 
-    A robot that was never seen is one of the population. Raises ConfigError where the store has no constants.
+    An unknown robot is a draw from the population. Raises ConfigError if the store has no constants.
     """
     if not found.fitted:
         raise ConfigError("STORE", "constants", "at least one recording that tells some", "none")
@@ -58,13 +58,13 @@ def _expected(fitted: Fitted, robot: str, day: float, place: str | None) -> Expe
     if place in log.places:
         k = groups["place"] = log.places.index(place)
         at, floor = float(p.place[k]), float(p.place_sigma[k]) ** 2
-    # A robot's level is less what it shares (`Population.shared`): what its groups have changed by comes on top.
+    # A robot's level excludes the shared part (`Population.shared`), so the steps of its groups are added.
     steps = sum(s.size for s in p.steps if s.which == groups.get(s.kind) and s.day <= day)
     return Expected(log.name, value + season + at + steps, math.sqrt(variance + p.excess**2 + floor), recordings)
 
 
 def write_prior(expected: list[Expected], robot: str, folder: Path) -> list[Path]:
-    """Write model.yaml, the effects, and prior.yaml, how sure they are, for the configuration. Raises OSError."""
+    """Write model.yaml, the effects, and prior.yaml, their uncertainty, for the configuration. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / MODEL, folder / PRIOR]
     save_model(files[0], model_of(expected, robot), HEAD)
@@ -75,7 +75,7 @@ def write_prior(expected: list[Expected], robot: str, folder: Path) -> list[Path
 
 
 def model_of(expected: list[Expected], robot: str) -> Model:
-    """The effects of the catalogue that stand for the constants, with their standard deviations."""
+    """Model with the catalogue's effects that correspond to the constants, with their standard deviations."""
     of = {e.name: e for e in expected}
 
     def amount(name: str, unit: str = "1", si: float = 1.0, sign: float = 1.0) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def model_of(expected: list[Expected], robot: str) -> Model:
 
 
 def initial_of(expected: list[Expected]) -> dict[str, float]:
-    """Keys of `estimation.initial`: standard deviations that are left once the model is taken off."""
+    """Keys of `estimation.initial`: standard deviations that remain after correction by the model."""
     of = {e.name: e.sigma for e in expected}
     found = {}
     if {"radius_left", "radius_right"} <= of.keys():

@@ -1,4 +1,4 @@
-"""The worth of a prior: the first minutes of a drive that it has not seen, with it and without."""
+"""Benefit of a prior: errors in the first minutes of a drive that it has not seen, with and without it."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ SPANS_S: Final = (60.0, 120.0)
 
 
 class Errors(NamedTuple):
-    """Root mean square errors of the first `span_s` of a drive that begins on the reference."""
+    """Root mean square errors over the first `span_s` of a drive that begins on the reference."""
 
     span_s: float
     position_m: float
@@ -29,7 +29,7 @@ class Errors(NamedTuple):
 
 
 def compare(folder: Path, expected: list[Expected], robot: str) -> tuple[list[Errors], list[Errors]]:
-    """Errors of a recording by robot.yaml alone, and with the prior. Raises ConfigError."""
+    """Errors of a recording with robot.yaml alone, and with the prior. Raises ConfigError."""
     recording = read_recording(folder)
     with TemporaryDirectory() as scratch:
         model, config = write_prior(expected, robot, Path(scratch))
@@ -37,7 +37,7 @@ def compare(folder: Path, expected: list[Expected], robot: str) -> tuple[list[Er
 
 
 def errors(recording: Recording, config: Path | None) -> list[Errors]:
-    """Errors of the daemon's estimator in the first minutes. Raises ConfigError where there is no reference."""
+    """Errors of the daemon's estimator in the first minutes. Raises ConfigError if there is no reference."""
     reference = reference_of(recording)
     poses = poses_of(replay_folder(recording, config), recording.name)
     pairs, _ = align(associate(poses, reference, math.inf), "start")

@@ -1,4 +1,4 @@
-"""`drd fleet prior`: what a robot's daemon should start with."""
+"""`drd fleet prior`: write the prior for a robot's daemon."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

@@ -1,6 +1,6 @@
-"""Score and information of a recording over all effects and nuisances, and what they say of the robot's constants.
+"""Score and information of a recording over all effects and nuisances, and estimates of the robot's constants.
 
-Of the whitened regression of a diagnosis (74), linear around the model that it found, with the noise that it fitted.
+They come from the whitened regression of a diagnosis (74), linearised around its model, with its fitted noise.
 """
 
 import json
@@ -21,13 +21,13 @@ from drd_tools.diagnose.select.intervals import is_of_interval
 from drd_tools.diagnose.select.library import Parameters, is_seen, units_of, variants
 from drd_tools.diagnose.selected import Selected, shape_of
 
-TOLD: Final = 0.5  # of a parameter's prior deviation: with more left, the recording does not tell it
-WIDER: Final = 10.0  # than the prior, by which a value must not be drawn: the fleet has a prior of its own
-RCOND: Final = 1e-8  # of a variant's own columns
+TOLD: Final = 0.5  # of a parameter's prior standard deviation: above this, the recording does not determine it
+WIDER: Final = 10.0  # times the prior's sigma, so that it does not shrink a value: the fleet has its own prior
+RCOND: Final = 1e-8  # for the columns of a variant
 
 
 class Constant(NamedTuple):
-    """Place of a robot's constant in the catalogue, and its unit."""
+    """Effect and parameter of the catalogue for a robot's constant, and its unit."""
 
     effect: str
     parameter: str
@@ -51,7 +51,7 @@ EFFECTS: Final = {constant.effect for constant in CONSTANTS.values()}
 
 @dataclass(frozen=True)
 class Column:
-    """A column (r,) of the regression: a unit of a linear parameter, or the whole effect where `parameter` is ""."""
+    """A column (r,) of the regression: a unit of a linear parameter, or the whole effect if `parameter` is ""."""
 
     kind: str
     effect: str
@@ -61,9 +61,9 @@ class Column:
 
 
 def products(problem: Problem, fit: Fit) -> list[dict[str, Any]]:
-    """Rows of the table of products, see `schema`: a found effect in its shape, others in the variant that gains most.
+    """Rows of the table of products, see `schema`: effects found with their shape, others with the best variant's.
 
-    Effects of an interval of time are there only where they were found: each drive has its own.
+    Effects with an interval of time are included only if they were found: each drive has its own.
     """
     columns = list(_columns(problem, fit))
     X = np.column_stack([np.zeros((len(problem.data), 0)), *(c.rows for c in columns)])
@@ -89,7 +89,7 @@ def _columns(problem: Problem, fit: Fit) -> Iterator[Column]:
     left = marginal.projected((problem.data - problem.effect_rows(fit.selection))[:, None])[:, 0]
 
     def gain(columns: Sequence[Column]) -> float:
-        """Nats that columns gain beside the fit and the nuisances."""
+        """Gain of columns beside the fit and the nuisances, nats."""
         X = np.column_stack([c.rows for c in columns])
         G, b = marginal.beside(X.T @ X, marginal.columns.T @ X), X.T @ left
         return 0.5 * float(b @ np.linalg.lstsq(G, b, rcond=RCOND)[0])
@@ -107,7 +107,7 @@ def _columns(problem: Problem, fit: Fit) -> Iterator[Column]:
 
 
 def _of_shape(problem: Problem, effect: Effect, shape: Parameters) -> Iterator[Column]:
-    """Columns of one shape of an effect; none where the drive does not show it."""
+    """Columns of one shape of an effect; none if the drive does not show it."""
     units = units_of(effect, shape)
     sensitivities = [problem.unit(effect, s, name) for s, name in units]
     if all(map(is_seen, sensitivities)):
@@ -119,17 +119,17 @@ def _of_shape(problem: Problem, effect: Effect, shape: Parameters) -> Iterator[C
 
 
 def constants(problem: Problem, fit: Fit, same: Collection[str] = ()) -> list[dict[str, Any]]:
-    """Name, value, sigma and unit of each constant that the recording tells, whether it is a finding or not.
+    """Name, value, sigma and unit of each constant that the recording determines, whether a finding or not.
 
-    All at once, one step of Gauss and Newton from the fit; beside the nuisances, and beside the other effects that were
-    found, but for those that the drive cannot tell from a constant (`same`), for which the constants stand.
+    They are estimated jointly, by one Gauss-Newton step from the fit, with the nuisances and the other effects found,
+    except those that the drive cannot distinguish from a constant (`same`), which the constants replace.
     """
     selection = [
         *_with_constants(problem, fit),
         *(c for c in fit.selection if c.id not in EFFECTS and c.id not in same),
     ]
     T = problem.tangents(selection)
-    # Other shapes of the constants' own effects are of one another's form: a radius that changes in turns is a tread.
+    # No discrepancy of the constants' own effects: they imitate each other (a radius that changes in turns is a tread).
     others = [c for c in selection if c.id not in EFFECTS]
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, c) for c in others)])
     marginal, precision = Marginal(soft), np.concatenate([np.zeros(0), *map(precisions, selection)]) / WIDER**2
@@ -150,7 +150,7 @@ def constants(problem: Problem, fit: Fit, same: Collection[str] = ()) -> list[di
 
 
 def _with_constants(problem: Problem, fit: Fit) -> list[Selected]:
-    """The effects of the constants with their values in the fit, or of size 0, each constant free."""
+    """Effects of the constants with their values in the fit, or of size 0, each constant free."""
     made = []
     for effect in (catalogue()[name] for name in dict.fromkeys(c.effect for c in CONSTANTS.values())):
         free = tuple(c.parameter for c in CONSTANTS.values() if c.effect == effect.id)

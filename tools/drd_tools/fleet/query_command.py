@@ -16,7 +16,7 @@ from drd_tools.fleet.store import Store, existing
 from drd_tools.report.terminal import print_table
 
 NAMES: Final = (*TABLES, "maintenance")
-WIDEST: Final = 60  # letters of a cell in the terminal
+WIDEST: Final = 60  # characters of a cell in the terminal
 DESCRIPTION = """\
 Print a table of a fleet's store. With --sql, DuckDB runs the query; it sees all tables by name.
 The columns are described in drd_tools/fleet/schema.py.
@@ -89,7 +89,7 @@ def _print(table: pa.Table, form: str) -> None:
 
 
 def _flat(table: pa.Table) -> pa.Table:
-    """Replace lists by JSON: CSV knows none."""
+    """Replace lists by JSON: CSV has none."""
     for i, field in enumerate(table.schema):
         if pa.types.is_list(field.type):
             cells = [None if v is None else json.dumps(v) for v in table[i].to_pylist()]

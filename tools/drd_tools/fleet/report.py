@@ -1,4 +1,4 @@
-"""The report of a fleet: one page that needs no server, for one robot or a thousand."""
+"""Report of a fleet: one page that needs no server, for one robot or a thousand."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -23,15 +23,15 @@ from drd_tools.fleet.statistics import Fitted, Statistics
 from drd_tools.report.page import Page, rendered
 
 PAGE: Final = "fleet.html"
-SHOWN: Final = 50  # rows of the heat map that are not folded up
+SHOWN: Final = 50  # rows of the heat map that are not collapsed
 TRENDS: Final = 12  # pictures; each takes a quarter of a second
-URGENT: Final = 25  # sentences of the table of what to inspect
-LEAST_TRENDS: Final = 4  # pictures, where less is found
+URGENT: Final = 25  # sentences in the table of what to inspect
+LEAST_TRENDS: Final = 4  # pictures, even if less is found
 TREND: Final = (
     "Line and band: the level with 90 %; red: when it changed, with 90 %; green: maintenance. What place, batch and "
     "season do to all robots is taken off."
 )
-OLD: Final = 100  # recordings of a robot that are listed, the newest
+OLD: Final = 100  # recordings listed per robot, the newest
 
 
 class Cell(NamedTuple):
@@ -57,7 +57,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot with its cells, what is said of it, and its recordings."""
+    """A robot with its cells, the sentences about it, and its recordings."""
 
     name: str
     number: int
@@ -69,7 +69,7 @@ class Robot:
 def write_report(
     found: Statistics, constants: Mapping[str, Sequence[Any]], recordings: Sequence[Mapping[str, Any]], folder: Path
 ) -> list[Path]:
-    """Write fleet.html and its pictures. `constants`: columns; `recordings`: rows of these tables. Raises OSError."""
+    """Write fleet.html and its pictures. `constants`: columns, `recordings`: rows of these tables. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     said = sentences(found)
     robots = _robots(found, said, constants, recordings, folder)
@@ -113,7 +113,7 @@ def _markup(part: str, robots: Sequence[Robot], labels: Sequence[str]) -> Markup
 
 
 def _changes(found: Statistics, robots: Sequence[str]) -> Any:
-    """Changes of each constant since the robot's first segment, in prior sigmas: (constants, robots), NaN: not seen."""
+    """Change of each constant since the robot's first segment, in prior sigmas: (constants, robots), NaN if unknown."""
     rows = []
     for f in found.fitted.values():
         of = {name: _change(f, i) for i, name in enumerate(f.log.robots)}
@@ -199,7 +199,7 @@ def _when(start: datetime | None) -> str:
 
 
 def _report(uri: str | None, folder: Path) -> str:
-    """A link to the recording's own report, where one lies in its folder."""
+    """Link to the recording's own report, if its folder has one."""
     if not uri or "://" in uri:
         return ""
     for place in (Path(uri) / "report.html", Path(uri) / "diagnosis" / "report.html"):
@@ -209,7 +209,7 @@ def _report(uri: str | None, folder: Path) -> str:
 
 
 def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Path) -> list[Path]:
-    """Draw the most urgent trends, and of what has moved most where little is found."""
+    """Draw the most urgent trends, and those that moved most if few changes were found."""
     files = list[Path]()
     shown = {(s.robot, s.name): s.text for s in said if s.robot}
     moved = [
@@ -229,7 +229,7 @@ def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Pat
 
 
 def _groups(page: Page, found: Statistics) -> None:
-    """Add the table of places and batches against each other."""
+    """Add the table that compares places and batches."""
     every = [(o, f) for f in found.fitted.values() for o in f.offsets if o.kind != "robot"]
     rows, standing_out = [], found.standing_out
     for o, f in sorted(every, key=lambda one: one[0].p)[:URGENT]:

@@ -1,4 +1,4 @@
-"""`drd fleet report`: one page of all that a store says."""
+"""`drd fleet report`: one page on a whole store."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ Exit code: 0 done, 2 bad usage or input.
 
 
 def main(argv: list[str]) -> int:
-    """Analyse the store's constants, print what is found, write the page. Raises ConfigError on bad input."""
+    """Analyse the store's constants, print the findings, write the page. Raises ConfigError on bad input."""
     parser = command("drd fleet report", DESCRIPTION, EXAMPLES)
     parser.add_argument("store", metavar="STORE", help="folder or bucket that drd fleet update has filled")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for fleet.html")

@@ -1,8 +1,8 @@
-"""The tables of a fleet's store: names, columns and units; SI, but for what `unit` names and for degrees Celsius.
+"""Tables of a fleet's store: names, columns and units; SI, except where `unit` differs and for degrees Celsius.
 
-Each table lies as Parquet in STORE/TABLE/ROBOT/PERIOD.parquet. `robot` is a column as well, not a part of a path such
-as `robot=7`, which readers take for a number. `maintenance` is one file. What changes a column's meaning, takes one
-away or renames one raises VERSION; a new column does not.
+Each table is Parquet in STORE/TABLE/ROBOT/PERIOD.parquet. `robot` is a column as well, not a part of a path such as
+`robot=7`, which readers take for a number. `maintenance` is one file. Changing the meaning of a column, removing or
+renaming one raises VERSION; adding one does not.
 """
 
 from typing import Final, NamedTuple
@@ -14,8 +14,8 @@ VERSION: Final = 1
 TIME: Final = pa.timestamp("us", "UTC")
 TEXT: Final = pa.string()
 REAL: Final = pa.float64()
-# In each table of recordings: `recording` is unique in a store; `start_utc` is null where nothing tells it, and so are
-# `place` and `batch` (of gyros).
+# Columns of each table of recordings: `recording` is unique in a store; `start_utc`, `place` and `batch` (of gyros) are
+# null if unknown.
 LABELS: Final = [
     ("recording", TEXT),
     ("robot", TEXT),
@@ -26,16 +26,16 @@ LABELS: Final = [
 
 
 class Table(NamedTuple):
-    """Columns of a table, and the time that one of its files covers, as strftime writes it."""
+    """Columns of a table, and the period that each of its files covers, as a strftime format."""
 
     schema: pa.Schema
     period: str = "%Y"
 
 
-# One row for each recording that was looked at. `uri`: where it lies. `verdict`: "failed" where `error` says why.
-# `digest`: of its files, the build of the diagnosis, and its form here; `signature`: sizes and times of the files.
-# `own`: labels that the recording brings, as JSON, before those of ROBOTS.yaml. `begins_s`: how long after that start
-# a part of a long recording begins; `start_utc` is the part's own.
+# One row per recording examined. `uri`: its location. `verdict`: "failed" if `error` says why. `digest`: hash of its
+# files; `build`: that of the diagnosis; `signature`: hash of the files' sizes and times. `own`: the recording's own
+# labels, as JSON, without those of ROBOTS.yaml. `begins_s`: when a part of a long recording begins, after the
+# recording's start; `start_utc` is the part's own.
 RECORDINGS: Final = pa.schema(
     [
         *LABELS,
@@ -52,8 +52,8 @@ RECORDINGS: Final = pa.schema(
     ]
 )
 
-# One row for each parameter of each finding; one with parameter, value, sigma and unit null where it has none.
-# `number`: of the finding in its recording, the best first. `also_fits`: names that the drive cannot tell from it.
+# One row per parameter of each finding; for a finding without any, one with parameter, value, sigma and unit null.
+# `number`: rank of the finding in its recording. `also_fits`: names that the drive cannot distinguish from it.
 FINDINGS: Final = pa.schema(
     [
         *LABELS,
@@ -73,7 +73,7 @@ FINDINGS: Final = pa.schema(
 )
 
 # The robot's constants in each recording, whether a finding or not: radius_left, radius_right, tread, gyro_scale
-# (relative errors, 1), lag_s (s), bias_per_c (rad/s per degree Celsius). None where the recording does not tell.
+# (relative errors, 1), lag_s (s), bias_per_c (rad/s per degree Celsius). No row if the recording does not determine it.
 CONSTANTS: Final = pa.schema(
     [
         *LABELS,
@@ -85,12 +85,12 @@ CONSTANTS: Final = pa.schema(
     ]
 )
 
-# Figures of `drd evaluate` for the poses, where there is a reference; `model`: "nominal", or "found", with the findings
-# taken off. `figure` names the unit.
+# Figures of `drd evaluate` for the poses, if there is a reference; `model`: "nominal", or "found", corrected for the
+# findings. `figure` names the unit.
 POSE: Final = pa.schema([*LABELS, ("model", TEXT), ("figure", TEXT), ("value", REAL)])
 
 # Score and information of each recording over all effects and nuisances: one row for each of k columns of its
-# regression. `information` (k,): the row `at` of the symmetric matrix. For parameters x away from the model without any
+# regression. `information` (k,): row `at` of the symmetric matrix. For parameters x relative to the model without any
 # effect, log likelihood = `score` x - x `information` x / 2 - `square` / 2, up to a constant; nuisances are in units of
 # their prior, which is not in the information: add 1 to its diagonal for each.
 PRODUCTS: Final = pa.schema(
@@ -99,8 +99,8 @@ PRODUCTS: Final = pa.schema(
         ("at", pa.int32()),
         ("kind", TEXT),  # "effect" or "nuisance"
         ("effect", TEXT),  # the nuisance's name
-        ("parameter", TEXT),  # "" where the whole effect is the unit, of the shape that `shape` tells
-        ("shape", TEXT),  # parameters that are not linear, SI, as JSON
+        ("parameter", TEXT),  # "" if the unit is the whole effect, with the shape `shape`
+        ("shape", TEXT),  # nonlinear parameters, SI, as JSON
         ("score", REAL),
         ("information", pa.list_(REAL)),
         ("square", REAL),
@@ -111,10 +111,10 @@ PRODUCTS: Final = pa.schema(
 # Recordings that could not be read or analysed.
 ERRORS: Final = pa.schema([*LABELS, ("uri", TEXT), ("error", TEXT)])
 
-# What was done to a robot, from the log of maintenance.
+# Work done on a robot, from the maintenance log.
 MAINTENANCE: Final = pa.schema([("date", TIME), ("robot", TEXT), ("what", TEXT)])
 
-# Products take the most room: a file of a month is rewritten whole when a recording is added.
+# Products are the largest table, hence a file per month: adding a recording rewrites its whole file.
 TABLES: Final = {
     "recordings": Table(RECORDINGS),
     "findings": Table(FINDINGS),
@@ -123,5 +123,5 @@ TABLES: Final = {
     "products": Table(PRODUCTS, "%Y-%m"),
     "errors": Table(ERRORS),
 }
-# A recording's rows of all tables, in one file, until they are sorted into the tables' own.
+# A recording's rows of all tables, in one file, until they are moved into the tables' own.
 PENDING: Final = pa.schema([(name, pa.list_(pa.struct(list(t.schema)))) for name, t in TABLES.items()])

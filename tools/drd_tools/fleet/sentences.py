@@ -1,4 +1,4 @@
-"""The statistics of a fleet in sentences, and what to inspect first."""
+"""Statistics of a fleet as sentences, with what to inspect first."""
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -10,8 +10,8 @@ from drd_tools.fleet.population import Step
 from drd_tools.fleet.series import CONSTANTS, S_PER_DAY, Log
 from drd_tools.fleet.statistics import Fitted, Offset, Statistics
 
-BACK_SIGMAS: Final = 3.0  # from where it was, that still is back
-BACK_PART: Final = 0.25  # of the change, too: a new tyre is not the old one to the micrometre
+BACK_SIGMAS: Final = 3.0  # from the first level, within which a constant is back
+BACK_PART: Final = 0.25  # of the change, as well: a new tyre never equals the old one exactly
 DECIMALS: Final = {"%": 1, "ms": 0, "deg/h/degC": 1}
 # What to look at, and why it matters.
 LOOK_AT: Final = {
@@ -25,7 +25,7 @@ LOOK_AT: Final = {
 
 
 class Sentence(NamedTuple):
-    """Something to read. `weight`: how urgent; `robot`: whose, or "" of a place or batch; `is_over`: put right."""
+    """A sentence to report. `weight`: urgency; `robot`: "" for a place or batch; `is_over`: repaired."""
 
     text: str
     robot: str
@@ -35,12 +35,12 @@ class Sentence(NamedTuple):
 
     @property
     def look_at(self) -> str:
-        """The things to inspect."""
+        """Things to inspect."""
         return LOOK_AT[self.name]
 
 
 def sentences(found: Statistics) -> list[Sentence]:
-    """All that is found, the most urgent first."""
+    """Sentences on all findings, the most urgent first."""
     events = sorted(found.found, key=lambda e: (e.robot, e.name, e.day))
     made = [_of_robot(list(chain)) for _, chain in groupby(events, key=lambda e: (e.robot, e.name))]
     made += [_of_group(f.log, step) for f in found.fitted.values() for step in f.population.steps]
@@ -49,7 +49,7 @@ def sentences(found: Statistics) -> list[Sentence]:
 
 
 def _of_robot(chain: Sequence[Event]) -> Sentence:
-    """One robot's changes of one constant, in one sentence."""
+    """Describe one robot's changes of one constant in a sentence."""
     first, last, constant = chain[0], chain[-1], CONSTANTS[chain[0].name]
     verb = "creeps by " if first.form == "creep" else ""
     text = f"{who(first.robot)}, {constant.label} {verb}{amount(first.name, first.size, first.sigma)} "
@@ -91,12 +91,12 @@ def _apart(offset: Offset) -> Sentence:
 
 
 def who(robot: str) -> str:
-    """A robot's name at the begin of a sentence."""
+    """Robot's name at the beginning of a sentence."""
     return f"Robot {robot}" if robot.isdigit() else robot
 
 
 def amount(name: str, size: float, sigma: float) -> str:
-    """Size and sigma in the constant's unit, as many digits as the sigma has a meaning for."""
+    """Size and sigma in the constant's unit, with as many digits as the sigma justifies."""
     constant = CONSTANTS[name]
     digits = DECIMALS[constant.unit] + (constant.factor * sigma < 0.5 * 10.0 ** -DECIMALS[constant.unit])
     return f"{constant.factor * size:+.{digits}f} +- {constant.factor * sigma:.{digits}f} {constant.unit}"
@@ -116,7 +116,7 @@ def date(day: float) -> str:
 
 
 def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
-    """Lines on how much was looked at, and how much was found."""
+    """Lines on the extent of the data, and of the findings."""
     changed = {e.robot for e in found.found}
     places = _steps(found.fitted.values(), "place")
     batches = _steps(found.fitted.values(), "batch")

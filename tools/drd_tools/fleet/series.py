@@ -1,4 +1,4 @@
-"""The robots' constants over time: `CONSTANTS`, `Log` (a constant of all robots as arrays), `logs` of a table."""
+"""Robots' constants over time: `CONSTANTS`, `Log` (a constant of all robots as arrays), `logs` from a table."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,16 +15,16 @@ from drd.units import DEG_PER_RAD
 
 Integers = npt.NDArray[np.int64]
 S_PER_DAY: Final = 86_400.0
-NOWHERE: Final = ""  # the place, and the batch, of a recording that tells none
-# Of a robot's longest series: the search for changes takes the square of it. More recordings are averaged.
+NOWHERE: Final = ""  # place or batch of a recording without one
+# Longest series of a robot: the search for changes is quadratic in it. Beyond this, recordings are averaged.
 MOST: Final = 512
 
 
 class Constant(NamedTuple):
     """A constant of a robot. `factor`: from SI to the `unit` of texts.
 
-    `jump`: prior sigma of a change, `spread` of robots, `slope` of what creeps, per day (0: it does not creep), SI.
-    `words`: in the log of maintenance, that mean it; `side`: what a side named there must be.
+    `jump`, `spread`, `slope`: prior sigmas of a change, between robots, and of creep per day (0: none), SI. `words`:
+    those of the maintenance log that refer to it; `side`: the side that must be named there, if any is.
     """
 
     label: str
@@ -39,8 +39,8 @@ class Constant(NamedTuple):
 
 TYRE: Final = ("tyre", "tire", "wheel", "tube", "inflat", "pump")
 GYRO: Final = ("gyro", "fog", "imu")
-# Jumps: a tyre that is worn, swapped or loses air changes by a per cent; so does a gyro by tenths of one, when it is
-# exchanged. A leak takes weeks for a per cent.
+# Jumps: a tyre that is worn, swapped or loses air changes by a per cent, a gyro that is replaced by tenths of one. A
+# leak takes weeks for a per cent.
 CONSTANTS: Final = {
     "radius_left": Constant("left tyre", "%", 100.0, 0.01, 0.005, 0.0005, TYRE, "left"),
     "radius_right": Constant("right tyre", "%", 100.0, 0.01, 0.005, 0.0005, TYRE, "right"),
@@ -52,7 +52,7 @@ CONSTANTS: Final = {
 
 
 class Maintained(NamedTuple):
-    """Something that was done to a robot, at a day since 1970."""
+    """Work done on a robot, on a day since 1970."""
 
     day: float
     robot: str
@@ -60,11 +60,11 @@ class Maintained(NamedTuple):
 
     @property
     def until(self) -> float:
-        """Its latest time: a date without one means any time of that day, of UTC."""
+        """Latest possible time: a date without a time means any time of that UTC day."""
         return self.day + float(float(self.day).is_integer())
 
     def means(self, name: str) -> bool | None:
-        """Whether it was done to what the constant is of; None: it does not say."""
+        """Whether the work concerns the part that the constant describes; None if it does not say."""
         text = self.what.lower()
         if not any(word in text for c in CONSTANTS.values() for word in c.words):
             return None
@@ -77,8 +77,8 @@ class Maintained(NamedTuple):
 class Log:
     """A constant in n recordings, sorted by robot, then by time.
 
-    `robot`, `place`, `batch`: numbers into the names, shape (n,); `batch_of`: of each robot. `day`: since 1970;
-    `value`, `sigma`: SI.
+    `robot`, `place`: indices into the names, shape (n,); `batch_of`: that of each robot. `day`: since 1970; `value`,
+    `sigma`: SI.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Log:
 
     @property
     def constant(self) -> Constant:
-        """The constant that it is a log of."""
+        """Constant of this log."""
         return CONSTANTS[self.name]
 
     @cached_property
@@ -103,11 +103,11 @@ class Log:
         return [int(k) for k in np.searchsorted(self.robot, np.arange(len(self.robots) + 1))]
 
     def rows(self, robot: int) -> slice:
-        """The rows of a robot."""
+        """Rows of a robot."""
         return slice(*self._borders[robot : robot + 2])
 
     def until(self, day: float) -> "Log":
-        """The log as it was at the end of that day."""
+        """Log as it was at the end of that day."""
         keep = self.day <= day
         return Log(self.name, self.robots, self.places, self.batches, self.robot[keep], self.place[keep], self.batch_of,
                    self.day[keep], self.value[keep], self.sigma[keep],
@@ -115,10 +115,9 @@ class Log:
 
 
 def logs(table: Mapping[str, Sequence[Any]]) -> dict[str, Log]:
-    """The constants of a table with the columns recording, robot, place, batch, start_utc, name, value, sigma.
+    """Logs from a table with the columns recording, robot, place, batch, start_utc, name, value, sigma.
 
-    Rows without a time, or without a finite value and a sigma above 0, are left out; names that are none of CONSTANTS
-    as well.
+    Omitted are rows without a time, or without a finite value and a sigma above 0, and names not in CONSTANTS.
     """
     names = np.asarray(table["name"], object)
     found = {}
@@ -147,7 +146,7 @@ def _log(name: str, table: Mapping[str, Sequence[Any]], at: Sequence[int]) -> Lo
     day = np.array([day_of(table["start_utc"][i]) for i in at])
     order = np.lexsort((day, robot))
     robot = robot[order]
-    last = np.append(np.flatnonzero(np.diff(robot)), len(robot) - 1)  # the gyro that is in the robot now
+    last = np.append(np.flatnonzero(np.diff(robot)), len(robot) - 1)  # the robot's present gyro
     value = np.array([float(table["value"][i]) for i in at])[order]
     sigma = np.array([float(table["sigma"][i]) for i in at])[order]
     recordings = [str(table["recording"][at[k]]) for k in order]
@@ -156,7 +155,7 @@ def _log(name: str, table: Mapping[str, Sequence[Any]], at: Sequence[int]) -> Lo
 
 
 def _averaged(log: Log) -> Log:
-    """Neighbours of one place averaged of a robot that has more than MOST recordings; each has the last one's name."""
+    """Average neighbours in one place if a robot has more than MOST recordings; each mean has the last one's name."""
     counts = np.bincount(log.robot, minlength=len(log.robots))
     if counts.max() <= MOST:
         return log
@@ -182,7 +181,7 @@ def _averaged(log: Log) -> Log:
 
 
 def natural(text: str) -> tuple[Any, ...]:
-    """A key that sorts robot 10 behind robot 9."""
+    """Sort key that puts robot 10 after robot 9."""
     digits = "".join(c if c.isdigit() else " " for c in text).split()
     return "".join(c for c in text if not c.isdigit()), tuple(map(int, digits)), text
 
@@ -197,5 +196,5 @@ def day_of(when: Any) -> float:
 
 
 def maintained(rows: Sequence[Mapping[str, Any]]) -> list[Maintained]:
-    """The log of maintenance: rows with date, robot and what; by date."""
+    """Maintenance log from rows with date, robot and what, sorted by date."""
     return sorted(Maintained(day_of(row["date"]), str(row["robot"]), str(row["what"])) for row in rows)

@@ -1,4 +1,4 @@
-"""`drd fleet simulate`: a fleet whose history is known."""
+"""`drd fleet simulate`: simulate a fleet with a known history."""
 
 import json
 from dataclasses import asdict, replace
@@ -22,10 +22,10 @@ from drd_tools.simulate.sensors import Effects
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
 
-# Driven in turns: together they show every constant, each alone does not.
+# Driven alternately: together they show every constant, none of them alone does.
 MISSIONS: Final = ("warehouse", "field", "eights")
 SECONDS: Final = 120.0
-LOADS: Final = 4  # recordings that a process is handed at once
+LOADS: Final = 4  # recordings that a process is given at once
 DESCRIPTION = """\
 Simulate a fleet with a known history: slow leaks, tyres that change suddenly or are swapped, replaced gyros, a floor
 that differs, one that is relaid, a gyro batch that deviates and one that ages, seasons, wear, maintenance without
@@ -117,7 +117,7 @@ def write_store(fleet: Fleet, seed: int, folder: Path) -> None:
 
 
 def folder_of(drive: Drive) -> str:
-    """Path of a recording below recordings/; its name tells robot, start and place."""
+    """Path of a recording below recordings/; it contains robot, start and place."""
     return f"{drive.robot}/{drive.start_utc:%Y%m%dT%H%M%S}_{drive.place}"
 
 
@@ -139,7 +139,7 @@ def record(drive: Drive, number: int, seed: int, seconds: float, folder: Path) -
 
 
 def effects_of(constants: dict[str, float]) -> Effects:
-    """The catalogue's effects with these constants, in SI. A negative lag is the gyro's."""
+    """Effects of the catalogue with these constants, in SI. A negative lag is the gyro's."""
     c, lag_s = constants, constants["lag_s"]
     found: list[tuple[str, dict[str, float | str]]] = [
         ("wheel_radius_error", {"left": c["radius_left"], "right": c["radius_right"]}),

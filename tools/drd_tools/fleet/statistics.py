@@ -1,6 +1,6 @@
-"""The statistics of a fleet's constants: populations, trends, changes with their causes, and robots that stand out.
+"""Statistics of a fleet's constants: populations, trends, changes with their causes, and robots that stand out.
 
-`analyse` of a plain table and the log of maintenance; `Statistics` has a `Fitted` for each constant.
+`analyse` takes a plain table and the maintenance log; `Statistics` has a `Fitted` for each constant.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,19 +21,19 @@ from drd_tools.fleet.levels import LEAST_SEEN, Segments, Series, Trend, series_o
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
-# Walks that are likely beforehand, all alike: per square root of a day, in parts of a jump.
+# Random walks, all equally likely a priori: per square root of a day, in fractions of a jump.
 WALKS: Final = (0.0007, 0.001, 0.0014, 0.002, 0.0028, 0.004, 0.01, 0.03)
-MEANT, PERHAPS = 0.3, 0.05  # chance that work on a robot changes what it was done to; that says nothing
-ROUNDS: Final = 2  # populations and segments in turns
-FALSE: Final = 0.01  # expected share of false ones among the changes that are reported
-LEAST: Final = 0.95  # probability of each
-SAME_DAYS: Final = 7.0  # changes so near in time may have one cause
+MEANT, PERHAPS = 0.3, 0.05  # probability that work changes a constant: one it refers to; any, if it refers to none
+ROUNDS: Final = 2  # alternations of populations and segments
+FALSE: Final = 0.01  # expected share of false ones among the reported changes
+LEAST: Final = 0.95  # least probability of a reported change
+SAME_DAYS: Final = 7.0  # changes this near in time may have one cause
 OUTSTANDING: Final = 0.05  # false discovery rate of robots, places and batches that stand out
 
 
 @dataclass(frozen=True)
 class Offset:
-    """A robot, place or batch that is off the others ever since; SI. `is_shared`: not the doing of one robot."""
+    """Offset of a robot, place or batch from the others since the beginning; SI. `is_shared`: not due to one robot."""
 
     kind: str
     who: str
@@ -46,7 +46,7 @@ class Offset:
 
 @dataclass(frozen=True)
 class Fitted:
-    """One constant of the fleet. `trends`: by robot, in the log's order; `offsets`: all, found or not."""
+    """One constant of the fleet. `trends`: by robot, in the log's order; `offsets`: all, significant or not."""
 
     log: Log
     population: Population
@@ -57,7 +57,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Statistics:
-    """All constants by name, and the log of maintenance."""
+    """All constants by name, and the maintenance log."""
 
     fitted: dict[str, Fitted]
     maintenance: list[Maintained]
@@ -70,7 +70,7 @@ class Statistics:
 
     @property
     def standing_out(self) -> list[Offset]:
-        """Offsets of which OUTSTANDING are false on average."""
+        """Significant offsets, at a false discovery rate of OUTSTANDING."""
         found = []
         for kind in ("place", "batch", "robot"):
             every = [o for f in self.fitted.values() for o in f.offsets if o.kind == kind and o.is_shared]
@@ -90,9 +90,9 @@ def analyse(table: Mapping[str, Sequence[Any]], maintenance: Sequence[Mapping[st
 def analyse_logs(
     every: Mapping[str, Log], done: Sequence[Maintained], known: Mapping[str, Population] | None = None
 ) -> Statistics:
-    """Statistics of logs. `known`: populations of before, which are not estimated anew."""
+    """Statistics of logs. `known`: earlier populations, which are not estimated again."""
     done = list(done)
-    with threadpool_limits(limits=1):  # so small products are no sooner done by two threads
+    with threadpool_limits(limits=1):  # products this small gain nothing from two threads
         fitted = {name: _fitted(log, done, (known or {}).get(name)) for name, log in every.items() if len(log.value)}
     flat = [e for f in fitted.values() for e in f.events if e.seen >= LEAST_SEEN]
     mask = by_probability(np.array([e.probability for e in flat]), FALSE, LEAST)
@@ -111,7 +111,7 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
     p = known or _with_steps(log, whole)
     if known is None:
         for turn in range(ROUNDS):
-            if turn:  # with the jumps taken out of what is common
+            if turn:  # now that the jumps are removed from the shared part
                 p = _walking(log, p, change)
             p = fit(log, pruned(p, log.constant.jump), *_numbered(log, _creeping(log, p, _cut(log, p, change)[0])))
         p = pruned(p, log.constant.jump)
@@ -128,7 +128,7 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
 
 
 def _walking(log: Log, p: Population, change: Array) -> Population:
-    """The population with the walk's mean variance: weeks of data tell it within a factor of four. (103)"""
+    """Set the walk's variance to its posterior mean: weeks of data determine it within a factor of four. (103)"""
     walks = np.square(np.array(WALKS) * log.constant.jump)
     nats = np.array([
         sum(float(log_evidence(given, h).sum()) for *_, given, h in _given(log, replace(p, walk=float(walk)), change))
@@ -138,7 +138,7 @@ def _walking(log: Log, p: Population, change: Array) -> Population:
 
 
 def _with_steps(log: Log, whole: list[Segments]) -> Population:
-    """The population without changes of single robots, with those of places and batches."""
+    """Fit the population with changes of places and batches, without those of single robots."""
     p = first_guess(log)
     numbered = _numbered(log, [Trend(s, np.zeros(0), np.zeros(0)) for s in whole])
     p = fit(log, p, *numbered)
@@ -166,7 +166,7 @@ def _chances(log: Log, done: list[Maintained]) -> Array:
 
 
 def _cut(log: Log, p: Population, change: Array) -> tuple[list[Segments], list[Changes]]:
-    """The likeliest segments of each robot, and the posterior."""
+    """Likeliest segments of each robot, and the posterior."""
     segments: list[Segments] = [[] for _ in log.robots]
     found: list[Changes] = [Changes(*np.zeros((2, 0)))] * len(log.robots)
     for members, counts, given, h in _given(log, p, change):
@@ -179,7 +179,7 @@ def _cut(log: Log, p: Population, change: Array) -> tuple[list[Segments], list[C
 
 
 def _given(log: Log, p: Population, change: Array) -> Iterator[tuple[Integers, Integers, Array, Array]]:
-    """Some robots at a time: which, their recordings, log evidence of their segments, and chances of a change."""
+    """Yield some robots at a time: their numbers, counts of recordings, log evidence of segments, and `change`."""
     every = np.bincount(log.robot, minlength=len(log.robots))
     value, variance, expected, c = log.value - p.shared(log), p.variance(log), p.expected(log), log.constant
     for members in _batches(every):
@@ -197,7 +197,7 @@ def _given(log: Log, p: Population, change: Array) -> Iterator[tuple[Integers, I
 
 
 def _batches(counts: Integers) -> list[Integers]:
-    """Robots of like numbers of recordings together, as many as there is room for."""
+    """Group robots with similar numbers of recordings, as many as fit into ROOM."""
     order = np.argsort(counts, kind="stable")
     order = order[counts[order] > 0]
     found, at = [], 0
@@ -216,7 +216,7 @@ def _smoothed(log: Log, p: Population, segments: Sequence[Segments]) -> tuple[li
 
 
 def _creeping(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
-    """Trends with the levels of what creeps alone: all that a population asks of them."""
+    """Trends with the levels of creeping segments only, which is all that a population needs."""
     found = []
     for one, own in zip(series_of(log, p), segments, strict=True):
         level = one.smoothed([s for s in own if s[0] == CREEP])
@@ -225,21 +225,21 @@ def _creeping(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
 
 
 def _numbered(log: Log, trends: Sequence[Trend]) -> tuple[Integers, Array, Integers]:
-    """Each recording's segment, what creeps in it, and which segments are their robots' first."""
+    """Segment of each recording, creep within it, and which segments are the first of their robots."""
     segment, drift, first = np.zeros(len(log.value), np.int64), np.zeros(len(log.value)), list[int]()
     for robot, trend in enumerate(trends):
         start = log.rows(robot).start
         for kind, s, e in trend.segments:
             segment[start + s : start + e + 1] = len(first)
             if kind == CREEP and len(trend.level):
-                # Counted from its begin, where the level is what robots of its kind have.
+                # Relative to its start, where the level has the population's prior.
                 drift[start + s : start + e + 1] = trend.level[s : e + 1] - trend.level[s]
             first.append(int(s == 0))
     return segment, drift, np.array(first, np.int64)
 
 
 def _with_causes(log: Log, p: Population, trends: list[Trend], found: list[Event]) -> list[Event]:
-    """Add to each event whose change it is, and in how many others it is not."""
+    """Add to each event its causes, and the number of robots without it."""
     if not found:
         return []
     segment, drift, levels = _numbered(log, trends)
@@ -262,13 +262,13 @@ def _with_causes(log: Log, p: Population, trends: list[Trend], found: list[Event
 
 
 def _is_alike(one: Event, other: Event) -> bool:
-    """Whether two robots change alike, at about one time: one cause may explain both."""
+    """Whether two robots change alike at about the same time: one cause may explain both."""
     near = abs(one.day - other.day) <= SAME_DAYS and one.form == other.form and one.robot != other.robot
     return near and 0.5 < one.size / other.size < 2.0 and min(one.probability, other.probability) > 0.5
 
 
 def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own: Array) -> Array:
-    """Join the event's segment to the one before, in `of` and `own` (n,); the course of the event, shape (n,)."""
+    """Join the event's segment to the one before, in `of` and `own` (n,); return the event's course, shape (n,)."""
     start = log.rows(robot).start
     k = next(i for i, (_, s, _) in enumerate(trend.segments) if s == event.first)
     kind, s, e = trend.segments[k]
@@ -276,7 +276,7 @@ def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own:
     if k:
         _, s0, e0 = trend.segments[k - 1]
         before = slice(start + s0, start + e0 + 1)
-        # What crept before ends where this begins.
+        # An earlier creep ends where this segment begins.
         own[before] -= own[before][-1]
         of[mine] = of[before][0]
     inside = (log.day >= event.day) & (log.day < event.until)
@@ -287,14 +287,14 @@ def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own:
 
 
 def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
-    """Robots against their batch, batches and places against the others: sizes and p-values. (107)"""
+    """Offsets of robots from their batch, and of batches and places from the others, with p-values. (107)"""
     seen = [i for i, t in enumerate(trends) if t.segments]
     last = [trends[i].segments[0][2] for i in seen]
     at_end = np.array([(trends[i].level[k], trends[i].sigma[k]) for i, k in zip(seen, last, strict=True)])
     found, n = [], len(seen)
     if n >= LEAST_ROBOTS:
         size, own = at_end[:, 0] - p.expected(log)[seen], at_end[:, 1]
-        # Against the others (externally studentised), so that one that is far off does not hide itself.
+        # Externally studentised, so that a large offset does not mask itself.
         off = (size - size.mean()) * n / (n - 1.0)
         others = (size.var() * n - off**2 * (n - 1.0) / n) / (n - 2.0)
         sigma = np.sqrt(others * n / (n - 1.0) + own**2)

@@ -1,8 +1,8 @@
-"""The store of a fleet: its tables as Parquet, in a folder or a bucket, never half written.
+"""Store of a fleet: its tables as Parquet, in a folder or a bucket, written atomically.
 
-An update puts each recording's rows into one file, `pending/*.parquet`, as soon as they are there, and from time to
-time compacts: sorts them into the tables' own files (see `schema`). Each file is replaced whole. Until the pending
-files are removed, which is last, they have precedence: a compaction that was interrupted is simply done again.
+An update puts each recording's rows into one file, `pending/*.parquet`, as soon as they are ready, and compacts from
+time to time: moves them into the tables' own files (see `schema`). Each file is replaced whole. Until the pending files
+are removed, at the end, they have precedence: an interrupted compaction is simply repeated.
 """
 
 import hashlib
@@ -25,16 +25,16 @@ from drd.config.schema import ConfigError
 from drd_tools.fleet.files import Files
 from drd_tools.fleet.schema import LABELS, MAINTENANCE, PENDING, RECORDINGS, TABLES, TIME, VERSION
 
-Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # of a recording, by table
+Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # a recording's, by table
 
 ABOUT, INDEX, NAMES_OF_DONE = "store.json", "index.parquet", "maintenance.parquet"
-# 0.4 GB: far more than a file of a table has, and little enough for any machine.
+# 0.4 GB: far more than a file of a table holds, and small enough for any machine.
 MOST_VALUES: Final = 50_000_000
 SIZES: Final = "select max(greatest(num_values, row_group_num_rows)) from parquet_metadata(?)"
 # The range of Python's datetime, in microseconds since 1970.
 FIRST_US, LAST_US = ((at - datetime(1970, 1, 1)) // timedelta(microseconds=1) for at in (datetime.min, datetime.max))
-MOST_PUT: Final = 2000  # recordings without products in a file
-MOST_PENDING: Final = 256  # recordings that are compacted at once: limits the memory to some tens of MB
+MOST_PUT: Final = 2000  # recordings per file, without products
+MOST_PENDING: Final = 256  # recordings compacted at once: limits the memory to some tens of MB
 
 
 class Store:
@@ -51,7 +51,7 @@ class Store:
     # ---- reading ---------------------------------------------------------------------------------------------------
 
     def table(self, name: str, robots: Collection[str] | None = None) -> pa.Table:
-        """A table whole, or of some robots: rows by file, which is by robot and time, then by recording.
+        """Read a table, whole or for some robots; rows are sorted by file (robot and period), then by recording.
 
         Names are those of `schema.TABLES`, and maintenance. Raises KeyError.
         """
@@ -68,11 +68,11 @@ class Store:
         return _of_robots(table, robots)
 
     def pending(self) -> list[str]:
-        """Names of the files that are not compacted yet."""
+        """Names of the files not yet compacted."""
         return self.files.below("pending", ".parquet")
 
     def index(self) -> pa.Table:
-        """The table of recordings, from one file."""
+        """Table of recordings, from one file."""
         names = self._existing([INDEX])
         return self._read(names, RECORDINGS) if names else self.table("recordings")
 
@@ -86,9 +86,9 @@ class Store:
             return _checked(found.to_table())
 
     def _check_size(self, paths: Sequence[str]) -> None:
-        """Raises ValueError for a file that says of itself that it would fill the memory: some bytes are enough to.
+        """Raise ValueError for a file whose metadata claim a size that would fill the memory: a few bytes can do that.
 
-        DuckDB looks, for pyarrow ends the process where the sizes that a column tells of itself contradict each other.
+        DuckDB reads them, since pyarrow aborts the process if the sizes stated for a column contradict each other.
         """
         urls = list(paths) if self.files.is_local else [self.files.system.unstrip_protocol(path) for path in paths]
         (most,) = self._duckdb.execute(SIZES, [urls]).fetchone()
@@ -106,14 +106,14 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Keep other writers out of a folder; a bucket knows no locks. Raises ConfigError."""
+        """Keep other writers out of a folder; a bucket has no locks. Raises ConfigError."""
         if not self.exists:
             self.files.write(ABOUT, json.dumps({"format": "drd-fleet-store", "schema": VERSION}).encode())
             self.exists = True
         if not self.files.is_local:
             yield
             return
-        import fcntl  # noqa: PLC0415  # not on every platform that reads
+        import fcntl  # noqa: PLC0415  # not available on all platforms, where reading still works
 
         with Path(self.files.path("lock")).open("wb") as lock:
             try:
@@ -123,13 +123,13 @@ class Store:
             yield
 
     def put(self, rows: Rows) -> None:
-        """Keep a recording's rows, by table, in place of those that it had."""
+        """Store a recording's rows, by table, in place of its earlier ones."""
         table = pa.Table.from_pylist([{name: list(rows.get(name, ())) for name in TABLES}], PENDING)
         name = hashlib.sha256(rows["recordings"][0]["uri"].encode()).hexdigest()[:24]
         self.files.write(f"pending/{name}.parquet", _parquet(table))
 
     def put_all(self, rows: Sequence[Rows]) -> None:
-        """Keep the rows of many recordings at once, and sort them into the tables' files."""
+        """Store the rows of many recordings at once, and compact."""
         for at in range(0, len(rows), MOST_PUT):
             part = [{name: list(one.get(name, ())) for name in TABLES} for one in rows[at : at + MOST_PUT]]
             self.files.write(f"pending/all-{at:06d}.parquet", _parquet(pa.Table.from_pylist(part, PENDING)))
@@ -149,7 +149,7 @@ class Store:
         return found
 
     def compact(self) -> None:
-        """Sort what is pending into the tables' files."""
+        """Move pending rows into the tables' files."""
         names = self.pending()
         for at in range(0, len(names), MOST_PENDING):
             self._compact(names[at : at + MOST_PENDING])
@@ -157,7 +157,7 @@ class Store:
     def _compact(self, names: Sequence[str]) -> None:
         pending, index = self._read(names, PENDING), self.index()
         fresh = _flat(pending, "recordings")
-        # A long recording has several names, which may be other ones now.
+        # A long recording has several names, which may have changed.
         old = index.filter(pc.is_in(index["uri"], pc.unique(fresh["uri"])))
         changed, was = (
             pa.chunked_array([*old["recording"].chunks, *fresh["recording"].chunks], pa.string()),
@@ -175,7 +175,7 @@ class Store:
             self.files.remove(name)
 
     def _replace(self, file: str, added: pa.Table, changed: pa.ChunkedArray) -> None:
-        """Put rows into a file in place of those of `changed` recordings."""
+        """Replace the rows of `changed` recordings in a file by the `added` ones."""
         before = self._read(self._existing([file]), added.schema)
         table = pa.concat_tables([_without(before, changed), added]).sort_by("recording")
         if len(table):
@@ -187,12 +187,12 @@ class Store:
         return [name for name in names if self.files.system.exists(self.files.path(name))]
 
     def keep_maintenance(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Keep the log of maintenance, in place of the one before."""
+        """Store the maintenance log, in place of the earlier one."""
         self.files.write(NAMES_OF_DONE, _parquet(pa.Table.from_pylist(list(rows), MAINTENANCE)))
 
 
 def existing(path: str) -> Store:
-    """The store that an update has made. Raises ConfigError where there is none."""
+    """Open a store made by an update. Raises ConfigError if there is none."""
     store = Store(path)
     if not store.exists:
         raise ConfigError(path, "", "a store of `drd fleet update`", "none there")
@@ -201,7 +201,7 @@ def existing(path: str) -> Store:
 
 @contextmanager
 def _parquet_errors(where: str) -> Iterator[None]:
-    """Turn what a file raises that drd did not write, or that was broken since, into a ConfigError."""
+    """Turn errors from a foreign or damaged file into a ConfigError."""
     try:
         yield
     except (pa.ArrowException, duckdb.Error, OSError, ValueError) as error:
@@ -209,7 +209,7 @@ def _parquet_errors(where: str) -> Iterator[None]:
 
 
 def _checked(table: pa.Table) -> pa.Table:
-    """The table. Raises ValueError where a text is not UTF-8, a time is no date, or a row has no recording or robot."""
+    """Check a table. Raises ValueError if a text is not UTF-8, a time is no date, or a recording or robot is null."""
     table.validate(full=True)
     for name in {"recording", "robot"} & set(table.column_names):
         if table[name].null_count:
@@ -249,7 +249,7 @@ def _without(table: pa.Table, recordings: pa.ChunkedArray) -> pa.Table:
 
 
 def _flat(pending: pa.Table, name: str) -> pa.Table:
-    """Rows of one table from those of pending files."""
+    """Rows of one table from the rows of pending files."""
     schema = TABLES[name].schema
     rows = pending[name].combine_chunks().flatten()
     columns = [rows.field(i) if len(rows) else pa.array([], field.type) for i, field in enumerate(schema)]

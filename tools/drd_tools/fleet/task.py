@@ -1,4 +1,4 @@
-"""The task that a worker is given, and the form in which it answers."""
+"""Task of a worker, and the form of its answer."""
 
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -10,7 +10,7 @@ from drd_tools.fleet.labels import Labels, as_text
 FAILED: Final = "failed"  # in place of a verdict
 NO_LABELS: Final = Labels()
 Rows = dict[str, list[dict[str, Any]]]  # by table
-# What a recording's rows depend on.
+# Code on which a recording's rows depend.
 CODE: Final = (
     "drd.batch",
     "drd.effects",
@@ -30,12 +30,12 @@ CODE: Final = (
 
 @cache
 def build() -> str:
-    """Hash of the code that a recording's rows depend on."""
+    """Hash of the code on which a recording's rows depend."""
     return fingerprint(*CODE)
 
 
 class Task(NamedTuple):
-    """A recording to be analysed: its name in the store, the build that is asked for, and its digest there, if any."""
+    """A recording to analyse: its name in the store, the build required, and its digest there, if any."""
 
     seen: Seen
     recording: str
@@ -44,7 +44,7 @@ class Task(NamedTuple):
 
 
 def failed(task: Task, error: str, digest: str = "", own: Labels = NO_LABELS) -> Rows:
-    """Rows of a recording that could not be analysed. Without a digest it is tried again by the next update."""
+    """Rows of a recording that could not be analysed. Without a digest the next update tries it again."""
     row = about(task, task.recording, digest, own)
     return {
         "recordings": [{**row, "verdict": FAILED, "error": error}],
@@ -53,7 +53,7 @@ def failed(task: Task, error: str, digest: str = "", own: Labels = NO_LABELS) ->
 
 
 def about(task: Task, name: str, digest: str, own: Labels) -> dict[str, Any]:
-    """The columns that say whose row it is: of every recording, and of each part of a long one."""
+    """Columns that identify a recording, or a part of a long one."""
     return {
         "recording": name,
         "uri": task.seen.uri,

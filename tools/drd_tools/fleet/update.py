@@ -1,4 +1,4 @@
-"""Bring a store up to date: analyse what is new or has changed, and keep each result as soon as it is there."""
+"""Bring a store up to date: analyse new and changed recordings, and store each result as it becomes ready."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,9 +19,9 @@ HERE: Final = Engine()
 
 
 class Updated(NamedTuple):
-    """The outcome of an update: recordings that were found, analysed, failed, got other labels, and have no start.
+    """Outcome of an update: numbers of recordings found, analysed, relabelled, and without a start.
 
-    `failures`: recording and error of all that stand as failed.
+    `failures`: recording and error of all marked as failed.
     """
 
     found: int
@@ -32,7 +32,7 @@ class Updated(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """The rows that the store has of a recording; of a long one those of its parts, alike but for name and begin."""
+    """Row of a recording in the store; the parts of a long one are alike except for name and start."""
 
     recordings: list[str]
     row: Mapping[str, Any]
@@ -45,9 +45,9 @@ def update(
     engine: Engine = HERE,
     call: Callable[[Task], Rows | None] | None = None,
 ) -> Updated:
-    """Analyse what is new or has changed. A stopped update goes on where it was. Raises ConfigError.
+    """Analyse new and changed recordings. A stopped update resumes where it was. Raises ConfigError.
 
-    `call`: in place of the analysis.
+    `call`: replaces the analysis.
     """
     with store.writing():
         store.compact()
@@ -87,7 +87,7 @@ def _is_current(row: Mapping[str, Any], seen: Seen) -> bool:
 
 
 def _names(found: Sequence[Seen], known: Mapping[str, _Known]) -> dict[str, str]:
-    """A name for each recording, its own for good: where two have the same, a later one gets a mark."""
+    """Name each recording permanently; if two have the same name, the later one gets a mark."""
     names = {uri: _without_part(was) for uri, was in known.items()}
     taken = set(names.values())
     for seen in found:
@@ -108,7 +108,7 @@ def _labels(rules: Sequence[Rule], seen: Seen, row: Mapping[str, Any]) -> dict[s
 
 
 def _relabelled(rows: Rows, rules: Sequence[Rule], seen: Seen) -> Rows:
-    """A recording's rows with the labels that the rules give it."""
+    """Rows of a recording with the labels by the rules."""
     labels = {row["recording"]: _labels(rules, seen, row) for row in rows["recordings"]}
     return {table: [{**row, **labels[row["recording"]]} for row in own] for table, own in rows.items()}
 
@@ -124,11 +124,11 @@ def _analysed(
     call: Callable[[Task], Rows | None] | None,
     tasks: Sequence[Task],
 ) -> Iterator[Seen]:
-    """Analyse and keep; yields the recordings whose files were touched but not changed."""
+    """Analyse and store; yield the recordings whose files were touched but not changed."""
     if not tasks:
         return
     if call is None:
-        from drd_tools.fleet.analysis import analysed  # noqa: PLC0415  # takes a second to load: not for nothing new
+        from drd_tools.fleet.analysis import analysed  # noqa: PLC0415  # takes a second to load: only if something is new
 
         call = analysed
     with tqdm(total=len(tasks), desc="analysing", unit="recording", disable=None, leave=False) as bar:
@@ -143,7 +143,7 @@ def _analysed(
 
 
 def _relabel(store: Store, rules: Sequence[Rule], known: Mapping[str, _Known], found: Sequence[Seen]) -> None:
-    """Give recordings the labels, and the signature, that they have now."""
+    """Update the labels and signatures of recordings."""
     store.compact()
     for at in range(0, len(found), MOST_PENDING):
         some = found[at : at + MOST_PENDING]

@@ -1,4 +1,4 @@
-"""`drd fleet update`: analyse the recordings that are new or have changed."""
+"""`drd fleet update`: analyse new and changed recordings."""
 
 import os
 
