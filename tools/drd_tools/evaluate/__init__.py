@@ -1,1 +1,1 @@
-"""Judging estimated poses against a reference: errors, drift and consistency."""
+"""Evaluate estimated poses against a reference: errors, drift and consistency."""

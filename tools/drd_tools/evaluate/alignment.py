@@ -1,4 +1,4 @@
-"""Putting the estimate on the reference: always a rigid motion of the plane, always named."""
+"""Align the estimate with the reference: always by a rigid motion of the plane, always stated."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ KINDS: Final = ("none", "start", "first-metres", "se2")
 
 @dataclass(frozen=True)
 class Alignment:
-    """The motion that was applied to the estimate: turned about the origin, then shifted. `metres`: of first-metres."""
+    """Motion applied to the estimate: a rotation about the origin, then a shift. `metres`: those of first-metres."""
 
     kind: str
     rotation_deg: float
@@ -26,12 +26,12 @@ class Alignment:
 
     @property
     def short(self) -> str:
-        """The kind, with the metres where it has some."""
+        """Kind, with the metres if it has any."""
         return f"{self.kind} {self.metres:g}" if self.metres else self.kind
 
     @property
     def sentence(self) -> str:
-        """Sentence on what was done, with its figures."""
+        """Sentence on the alignment, with its figures."""
         how = {
             "none": "none; the poses are taken as they are",
             "start": "start; the poses agree at the first common time, where the error is zero by definition",
@@ -47,7 +47,7 @@ def align(pairs: Pairs, kind: str, metres: float = 0.0) -> tuple[Pairs, Alignmen
 
     start: the SE(2) that makes the first rows equal. se2: `min sum |R p_i + t - q_i|^2` over all rows, in the plane
     `angle = atan2(sum dp x dq, sum dp . dq)` with dp, dq about their means (Umeyama 1991 without scale). first-metres:
-    the same over the rows with at most `metres` of travel. Raises ConfigError where the positions fix no rotation.
+    the same over the rows with at most `metres` of travel. Raises ConfigError if the positions fix no rotation.
     """
     if kind == "none":
         return pairs, Alignment(kind, 0.0, 0.0, 0.0)
@@ -75,7 +75,7 @@ def align(pairs: Pairs, kind: str, metres: float = 0.0) -> tuple[Pairs, Alignmen
 
 
 def rotation(angle_rad: float) -> Array:
-    """The 2 x 2 matrix that turns counter-clockwise."""
+    """Counter-clockwise 2 x 2 rotation matrix."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, -s], [s, c]])
 

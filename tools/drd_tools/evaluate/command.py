@@ -1,4 +1,4 @@
-"""`drd evaluate`: how far poses are from a reference, and whether they said so."""
+"""`drd evaluate`: errors of poses against a reference, and whether their covariance is consistent."""
 
 import argparse
 import json
@@ -137,9 +137,9 @@ def _alignment(words: Sequence[str], parser: argparse.ArgumentParser) -> tuple[s
 
 
 def _limit_of(path: Path, reference_path: Path) -> Limit | None:
-    """The bound of the recording itself, of that which the JSON beside POSES.csv names, or of the reference's folder.
+    """Limit of the recording itself, of the one named in the JSON next to POSES.csv, or of the reference's folder.
 
-    None where none of them is a recording from which poses can be made.
+    None if none of them is a recording from which poses can be computed.
     """
     for candidate in (path, _named_beside(path), reference_path):
         if candidate is None or not (candidate.is_dir() or candidate.suffix == ".mcap"):
@@ -147,12 +147,12 @@ def _limit_of(path: Path, reference_path: Path) -> Limit | None:
         try:
             return limit_of(read(candidate))
         except ConfigError:
-            continue  # its files are judged where they are needed
+            continue  # errors in its files are reported where they are needed
     return None
 
 
 def _named_beside(poses: Path) -> Path | None:
-    """The recording that `drd replay` made the poses from."""
+    """Recording from which `drd replay` computed the poses."""
     try:
         content = json.loads(poses.with_suffix(".json").read_text(encoding="utf-8"))
         name = content["recording"]

@@ -1,4 +1,4 @@
-"""Saved evaluations beside each other: tables and overlaid pictures."""
+"""Compare saved evaluations: tables and overlaid pictures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,7 +54,7 @@ def compare(folders: Sequence[Path], output: Path) -> list[Path]:
 
 
 def _labels(folders: Sequence[Path]) -> list[str]:
-    """The folders' names, or their whole paths where two names are the same."""
+    """Names of the folders, or their whole paths if two names are the same."""
     names = [folder.resolve().name for folder in folders]
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise ConfigError("--compare", "DIR", "different folders", "one of them twice")
@@ -62,7 +62,7 @@ def _labels(folders: Sequence[Path]) -> list[str]:
 
 
 def _groups(labels: Sequence[str], evaluations: Sequence[Evaluation]) -> list[list[Labelled]]:
-    """Runs by the content of their reference file, in the order of the first evaluation."""
+    """Group runs by the content of their reference file, in the order of the first evaluation."""
     groups: dict[str, list[Labelled]] = {}
     for label, evaluation in zip(labels, evaluations, strict=True):
         once = len({run.reference_sha256 for run in evaluation.runs}) == len(evaluation.runs)
@@ -72,7 +72,7 @@ def _groups(labels: Sequence[str], evaluations: Sequence[Evaluation]) -> list[li
 
 
 def notes(groups: Sequence[Sequence[Labelled]]) -> list[str]:
-    """Sentences on what can be compared, and where it is not like with like."""
+    """Sentences on which runs can be compared, and which differ in more than the estimate."""
     shared = [group for group in groups if len(group) > 1]
     found = [f"{len(shared)} of {len(groups)} references were used by more than one run."]
     for group in shared:
@@ -98,7 +98,7 @@ def _rows(group: Sequence[Labelled]) -> list[list[str]]:
 
 
 def median_rows(labels: Sequence[str], shared: Sequence[Sequence[Labelled]]) -> list[list[str]]:
-    """Rows of each evaluation's medians over the references that all of them have, of absolute values."""
+    """Rows with each evaluation's medians of absolute values over the references common to all."""
     common = [dict(group) for group in shared if {label for label, _ in group} >= set(labels)]
     rows = []
     for label in labels if common else ():

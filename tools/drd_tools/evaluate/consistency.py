@@ -17,15 +17,15 @@ from drd_tools.evaluate.trajectory import Pairs, Reference, least_eigenvalues
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
-LEAST_VARIANCE: Final = 1e-14  # (0.1 um)^2 or rad^2: what a perfect reference and an estimate that has not begun leave
-LEAST_EIGENVALUE: Final = 1e-12  # of a correlation: four digits of an inverse
-LATE: Final = 0.1  # of the variance at the end: more at the first common time makes NEES a tenth too small
+LEAST_VARIANCE: Final = 1e-14  # (0.1 um)^2 or rad^2: a perfect reference, and an estimate that has not begun
+LEAST_EIGENVALUE: Final = 1e-12  # of a correlation matrix: leaves four digits in the inverse
+LATE: Final = 0.1  # share of the final variance: more than this at the first common time makes NEES a tenth too small
 SIGMA_99: Final = math.sqrt(float(chdtri(1, 1.0 - LEVEL)))  # half the width of a Gaussian's 99 % interval
 
 
 @dataclass(frozen=True)
 class Nees:
-    """Average of one part's normalised error squared over `rows`, worth `effective` independent ones."""
+    """Average normalised error squared of one part over `rows`, worth `effective` independent ones."""
 
     part: str
     dof: int
@@ -45,10 +45,9 @@ class Nees:
 
 @dataclass(frozen=True)
 class Consistency:
-    """`why_not` says why there is no NEES. `inside_99` is the share of rows within the claimed 99 % radius.
-
-    `before`: standard deviations claimed for position (worst axis, m) and heading (rad) at the first common time, where
-    the alignment start takes all error off; None where they hardly count.
+    """Result of the consistency test; `why_not`: why there is no NEES. `inside_99`: share of rows within the claimed
+    99 % radius. `before`: standard deviations claimed for position (worst axis, m) and heading (rad) at the first
+    common time, where the alignment start removes all error; None if negligible.
     """
 
     nees: list[Nees]
@@ -60,8 +59,8 @@ class Consistency:
 def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> Consistency:
     """NEES of pose, position and heading, and the share inside the 99 % radius.
 
-    `e^T S^-1 e` with S the estimate's covariance and the reference's, `total_covariance`. It has a meaning only where
-    the alignment did not use the errors that are judged: none and start. Rows in which S has no inverse are left out.
+    `e^T S^-1 e` with S the sum of the estimate's covariance and the reference's, `total_covariance`. It is meaningful
+    only if the alignment did not use the errors tested: none and start. Rows in which S has no inverse are left out.
     """
     if alignment.kind not in ("none", "start"):
         why = f"not meaningful with the alignment {alignment.kind}, which fits the poses to the reference"
@@ -95,7 +94,7 @@ def _before(aligned: Pairs) -> tuple[float, float] | None:
 
 
 def _has_inverse(S: Array) -> npt.NDArray[np.bool_]:
-    """Where covariances (k, d, d) have an inverse of which rounding leaves some digits, (k,)."""
+    """Whether covariances (k, d, d) have an inverse that is not lost in rounding, (k,)."""
     known: npt.NDArray[np.bool_] = np.all(np.diagonal(S, axis1=1, axis2=2) > LEAST_VARIANCE, axis=1)
     return known & (least_eigenvalues(S) > LEAST_EIGENVALUE)
 
@@ -103,8 +102,9 @@ def _has_inverse(S: Array) -> npt.NDArray[np.bool_]:
 def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference) -> Array | None:
     """Covariance of the error (k, 3, 3): `S = P + R + J R J^T`, R the reference's own, the same for each row.
 
-    The last term is for the alignment start: the first reference pose's noise turns and shifts the whole estimate, and
-    `J = [1 0 -(y - y_0); 0 1 x - x_0; 0 0 1]`. P counts from the first common time if the filter began there.
+    The last term is for the alignment start: the noise of the first reference pose rotates and shifts the whole
+    estimate, with `J = [1 0 -(y - y_0); 0 1 x - x_0; 0 0 1]`. P counts from the first common time if the filter began
+    there.
     """
     if aligned.covariance is None:
         return None
@@ -116,7 +116,7 @@ def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference)
 
 
 def start_jacobian(xy_m: Array) -> Array:
-    """Derivatives (k, 3, 3) of poses at `xy_m` (k, 2), seen from the start, by the error of the start pose."""
+    """Jacobians (k, 3, 3) of poses at `xy_m` (k, 2), relative to the start, with respect to the start pose."""
     J = np.tile(np.eye(3), (len(xy_m), 1, 1))
     J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
     return J
@@ -139,10 +139,10 @@ def _inside(aligned: Pairs, alignment: Alignment, reference: Reference) -> float
 
 
 def nees(part: str, error: Array, S: Array) -> Nees:
-    """Average of `e^T S^-1 e`, e (k, d), S (k, d, d), with the 99 % interval that a consistent estimate keeps.
+    """Average of `e^T S^-1 e`, e (k, d), S (k, d, d), with the 99 % interval of a consistent estimate.
 
-    Bar-Shalom, Li, Kirubarajan 2001, 5.4: n independent values add up to a chi-square of n d degrees of freedom.
-    The errors of dead reckoning hang together over minutes, so n is the effective number of `effective_rows`.
+    Bar-Shalom, Li, Kirubarajan 2001, 5.4: the sum of n independent values is chi-square with n d degrees of freedom.
+    Dead-reckoning errors are correlated over minutes, so n is the effective number from `effective_rows`.
     """
     z = np.linalg.solve(np.linalg.cholesky(S), error[:, :, None])[:, :, 0]
     n, dof = effective_rows(z), error.shape[1]
@@ -150,18 +150,18 @@ def nees(part: str, error: Array, S: Array) -> Nees:
 
 
 def nees_interval(n: float, dof: int, level: float = LEVEL) -> tuple[float, float]:
-    """Interval that holds the average of n independent values of `dof` degrees of freedom with probability `level`."""
+    """Interval that contains the mean of n independent values of `dof` degrees of freedom with probability `level`."""
     low, high = (chdtri(n * dof, beyond) / n for beyond in (0.5 + level / 2.0, 0.5 - level / 2.0))
     return float(low), float(high)
 
 
 def effective_rows(z: Array) -> float:
-    """Number of independent rows that the errors over sigma `z` (k, d) are worth, from 1 to k.
+    """Effective number of independent rows in the normalised errors `z` (k, d), from 1 to k.
 
     `n = k / (1 + 2 sum_l (1 - l/k) mean_i r_i(l)^2)`, r_i(l) the correlation of component i at lag l about zero, up to
-    its first value <= 0 (Geyer 1992); squares of two Gaussians are correlated by r^2. Errors that are all three times
-    too large change nothing, a constant bias gives n = 1. Where a component's mean square v is below the claimed 1, the
-    rest may be a constant that this run had little of: r is then `v r + 1 - v`. So a single run hardly ever proves
+    its first value <= 0 (Geyer 1992); squares of two Gaussians have correlation r^2. A common factor of three in all
+    errors changes nothing, a constant bias gives n = 1. If a component's mean square v is below the claimed 1, the rest
+    may be a constant that happened to be small in this run: r is then `v r + 1 - v`. So a single run hardly ever proves
     that an estimate is too cautious; several together can.
     """
     k = len(z)
@@ -180,10 +180,10 @@ def effective_rows(z: Array) -> float:
 
 
 def together(parts: Sequence[Nees]) -> Nees:
-    """One part over several independent runs, the mean of their averages.
+    """Combine one part over several independent runs: the mean of their averages.
 
-    Each counts alike, whatever its effective rows n_i, which by chance are few where errors are large; N runs are worth
-    `N^2 / sum(1/n_i)` rows.
+    Runs have equal weight, whatever their effective rows n_i, which by chance are few if errors are large; N runs are
+    worth `N^2 / sum(1/n_i)` rows.
     """
     dof, n = parts[0].dof, len(parts) ** 2 / sum(1.0 / p.effective for p in parts)
     average = sum(p.average for p in parts) / len(parts)
@@ -191,6 +191,6 @@ def together(parts: Sequence[Nees]) -> Nees:
 
 
 def track_sigmas(S: Array, heading_rad: Array) -> Array:
-    """Standard deviations along the track, across it (m) and of the heading (rad), shape (k, 3)."""
+    """Standard deviations along and across the track (m) and of the heading (rad), shape (k, 3)."""
     turned = turned_covariance(S, -heading_rad)
     return np.asarray(np.sqrt(np.maximum(turned[:, range(3), range(3)], 0.0)))

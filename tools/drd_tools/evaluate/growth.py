@@ -1,4 +1,4 @@
-"""Growth of the error in short windows, beside the covariates temperature, yaw rate and speed."""
+"""Growth of the error in short windows, with the covariates temperature, yaw rate and speed."""
 
 import math
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ FEWEST: Final = 5  # windows in a bin
 
 @dataclass(frozen=True)
 class Windows:
-    """Growth of the error in windows that follow each other, shape (w,) each; `why_not` says why there are none.
+    """Growth of the error in successive windows, shape (w,) each; `why_not` says why there are none.
 
-    Yaw rate and speed are the estimate's: the reference's noise is in the error too, and would make it look as if the
-    error fell with the rate.
+    Yaw rate and speed are the estimate's: the reference's noise is in the error too, and would correlate it negatively
+    with the reference's rate.
     """
 
     window_s: float
@@ -64,9 +64,9 @@ def error_growth(pairs: Pairs, reference: Reference) -> Windows:
 
 
 def binned(covariate: Array, growth: Array) -> Array:
-    """Means over bins of the covariate: shape (b, 4) of covariate, mean growth, its standard error, windows in the bin.
+    """Means over bins of the covariate, shape (b, 4): covariate, mean growth, its standard error, number of windows.
 
-    A bin is at least a twelfth of the covariate's range wide and holds at least five windows. The standard error is
+    A bin is wider than a twelfth of the covariate's range and has at least five windows. The standard error is
     `s / sqrt(n)`, s the scatter in the bin.
     """
     order = np.argsort(covariate, kind="stable")

@@ -1,4 +1,4 @@
-"""Heading drift: the slope of the heading's error over time, with an uncertainty that errors which add up leave it."""
+"""Heading drift: the slope of the heading error over time, with an uncertainty that allows for accumulating errors."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ FEWEST_ROWS: Final = 30
 
 @dataclass(frozen=True)
 class HeadingDrift:
-    """Slope in deg/h and its 95 % interval; no interval where there are fewer than 30 rows."""
+    """Slope in deg/h and its 95 % interval; no interval with fewer than 30 rows."""
 
     deg_per_h: float
     low_deg_per_h: float | None
@@ -29,11 +29,11 @@ def heading_drift(time_s: Array, error_rad: Array, seed: int = 0) -> HeadingDrif
     """Slope of the continuous heading error (k,) over `time_s` (k,), k >= 2.
 
     The slope is the median of the slopes between all pairs of points (Theil 1950, Sen 1968), the points being means
-    over 120 equal times. Heading errors add up, so they stray from a line like a random walk, and what can be exchanged
-    are their increments: moving blocks of them (Kuensch 1989), a 15th of the record each, are drawn anew, summed up and
-    fitted again. The interval is Student's with 14 degrees of freedom and the deviation of 500 such slopes.
+    over 120 equal times. Heading errors accumulate, so they depart from a line like a random walk, and it is their
+    increments that are exchangeable: moving blocks of them (Kuensch 1989), a 15th of the record each, are resampled,
+    summed and fitted again. The interval is Student's with 14 degrees of freedom and the deviation of 500 such slopes.
     """
-    # Equal times, not equal numbers of rows: where the reference is dense must not decide.
+    # Equal times, not equal numbers of rows: dense parts of the reference must not dominate.
     edges_s = np.linspace(time_s[0], time_s[-1], POINTS + 1)[1:-1]
     cell = np.searchsorted(edges_s, time_s, side="right")
     rows = np.bincount(cell, minlength=POINTS)

@@ -1,4 +1,4 @@
-"""All figures of one estimate against one reference."""
+"""Compute all figures of one estimate against one reference."""
 
 from typing import Final
 
@@ -30,8 +30,8 @@ def judge(
     lag_s: float = 0.0,
     limit: Limit | None = None,
 ) -> Run:
-    """Associate, align and measure. `lag_s`: how late the reference is, NaN: as the headings show; `limit`: the
-    recording's bound. Raises ConfigError where the two have too little in common.
+    """Associate, align and measure. `lag_s`: lag of the reference, NaN: estimate it from the headings; `limit`: that
+    of the recording. Raises ConfigError if the two have too little in common.
     """
     reference, taken_s, left_s = taken_off(poses, reference, lag_s)
     pairs = associate(poses, reference, max_gap_s)
@@ -68,7 +68,7 @@ def judge(
 
 
 def _series(aligned: Pairs, alignment: Alignment, reference: Reference) -> Series:
-    """Thin out evenly what is drawn; the first and the last row stay."""
+    """Thin out the drawn series evenly; the first and the last row stay."""
     count = min(len(aligned.time_s), DRAWN_ROWS)
     rows = np.unique(np.linspace(0, len(aligned.time_s) - 1, count).round().astype(int))
     S = total_covariance(aligned, alignment, reference)

@@ -33,7 +33,7 @@ class EndError:
     heading_deg: float
     share_of_path: float | None
     reference_to_start_m: float
-    return_m: float | None  # the paper's return position error; None where the path is not closed
+    return_m: float | None  # the paper's return position error; None if the path is not closed
     return_heading_deg: float | None
 
 
@@ -76,7 +76,7 @@ def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
     """Error of the estimate at the end.
 
     `|p_n - q_n|` with p the estimate and q the reference, as aligned. The paper's return position error is for closed
-    paths: the estimate's displacement from its own start, less the reference's, so whatever the alignment,
+    paths: the estimate's displacement from its own start minus the reference's, independent of the alignment,
     `|R(-p_0) (p_n - p_0) - R(-q_0) (q_n - q_0)|`. A path is closed if the reference ends within `closed_within_m` of
     its start (None: within 5 % of the path's length, at most 1 m) and the path is more than four times as long as that
     gap.
@@ -102,9 +102,9 @@ def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
 
 
 def absolute_error(aligned: Pairs) -> Absolute:
-    """Absolute trajectory error: `sqrt(mean |p_i - q_i|^2)`, and its mean and largest value (Sturm et al. 2012).
+    """Absolute trajectory error: `sqrt(mean |p_i - q_i|^2)`, and the mean and largest distance (Sturm et al. 2012).
 
-    The heading's is the angle of R(q_i)^-1 R(p_i), so at most half a turn.
+    The heading error is the angle of R(q_i)^-1 R(p_i), so at most half a turn.
     """
     distance_m = np.hypot(*(aligned.estimate - aligned.reference)[:, :2].T)
     angle_deg = np.abs(wrapped(aligned.estimate[:, 2] - aligned.reference[:, 2])) * DEG_PER_RAD
@@ -122,7 +122,7 @@ def relative_errors(pairs: Pairs, first: Indices, last: Indices) -> Array:
     """`E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j)` for rows i = `first`, j = `last`, shape (m, 3): x, y in m, angle in rad.
 
     Sturm et al. 2012 (relative pose error), Geiger et al. 2012 (KITTI). The alignment does not matter. x and y are in
-    the axes of the reference at j, seen from where the reference went.
+    the axes of the reference at j, relative to its position there.
     """
     estimate, reference = _motion(pairs.estimate, first, last), _motion(pairs.reference, first, last)
     difference = estimate - reference
@@ -131,22 +131,22 @@ def relative_errors(pairs: Pairs, first: Indices, last: Indices) -> Array:
 
 
 def _motion(pose: Array, first: Indices, last: Indices) -> Array:
-    """Each pose at `last` in the axes of that at `first`."""
+    """Poses at `last` in the axes of those at `first`."""
     step = pose[last] - pose[first]
     return np.column_stack([turned(step[:, :2], -pose[first, 2]), step[:, 2]])
 
 
 def turned(xy: Array, angle_rad: Array | float) -> Array:
-    """Turn vectors (m, 2) counter-clockwise, all by one angle or each by its own (m,); one vector (1, 2) by each."""
+    """Rotate vectors (m, 2) counter-clockwise, by one angle or by one each (m,); one vector (1, 2) by each angle."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.column_stack([c * xy[:, 0] - s * xy[:, 1], s * xy[:, 0] + c * xy[:, 1]])
 
 
 def segments(progress: Array, size: float, step: float) -> tuple[Indices, Indices]:
-    """Rows where segments of `size` begin and end. `progress` (k,) never falls: metres, or seconds.
+    """Rows at which segments of `size` begin and end. `progress` (k,) is monotonic: metres, or seconds.
 
-    They begin at the rows nearest to every `step` and end at the row nearest to `size` later. A segment whose own size
-    differs by more than 10 % is left out, which is what happens where the reference is sparse.
+    They begin at the rows nearest to multiples of `step` and end at the row nearest to `size` later. Segments whose
+    actual size differs by more than 10 % are left out, as happens with a sparse reference.
     """
     room = float(progress[-1] - progress[0]) - (1.0 - TOLERANCE) * size
     starts = progress[0] + step * np.arange(math.floor(room / step + ROUNDING) + 1.0)
@@ -168,7 +168,7 @@ def kitti_drift(pairs: Pairs) -> tuple[Drift | None, list[Relative]]:
 
     Lengths are 10, 20, ... 80 % of the path (KITTI: 100, 200, ... 800 m); segments begin at every 1 % of the path
     (KITTI: every tenth frame). Each gives `|E_xy| / length` and `|E_angle| / length`; the drift is the mean over all.
-    None where no segment has both ends near rows of the reference, or the robot did not move.
+    None if no segment has both ends near rows of the reference, or the robot did not move.
     """
     path_m = float(pairs.travelled_m[-1])
     rows: list[Relative] = []

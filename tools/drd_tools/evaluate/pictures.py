@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: the path, the error over time, and what the error grows with."""
+"""Pictures of an evaluation: path, error over time, and growth of the error against covariates."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,11 +25,11 @@ from drd_tools.report.style import (
     tidy_map,
 )
 
-MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
+MARKED_ROWS: Final = 60  # a reference of at most so many rows is drawn as points
 
 
 def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
-    """Draw a reference and one or several estimates of it, seen from above; `runs` have labels. Raises OSError."""
+    """Draw a reference and one or more estimates, seen from above; `runs` are labelled. Raises OSError."""
     first = runs[0][1].series
     extent = np.ptp(np.concatenate([first.reference_m, *(r.series.estimate_m for _, r in runs)]), axis=0)
     height = float(np.clip(8.0 * (extent[1] + 0.01) / (extent[0] + 0.01), 3.6, 7.5)) + 1.0
@@ -51,7 +51,7 @@ def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
 
 
 def error_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
-    """Draw errors along and across the track and of the heading over time, with what is claimed. Raises OSError."""
+    """Draw errors along and across the track and of the heading over time, with claimed sigmas. Raises OSError."""
     with picture(file, 10.0, 7.6) as figure:
         panels: Any = figure.subplots(3, 1, sharex=True)
         largest_m = max(float(np.abs(r.series.error[:, :2]).max()) for _, r in runs)
@@ -82,7 +82,7 @@ def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
 
 
 def growth_picture(file: Path, windows: Windows) -> None:
-    """Draw the growth of heading and along-track error beside temperature, yaw rate and speed. Raises OSError."""
+    """Draw the growth of heading and along-track error against temperature, yaw rate and speed. Raises OSError."""
     covariates = [("yaw rate / deg/s", windows.rate_deg_s), ("speed / m/s", windows.speed_m_s)]
     if windows.temperature_c is not None:
         covariates.insert(0, ("temperature / degC", windows.temperature_c))
@@ -90,7 +90,7 @@ def growth_picture(file: Path, windows: Windows) -> None:
     with picture(file, 10.0, 6.6) as figure:
         panels: Any = figure.subplots(2, len(covariates), sharex="col", sharey="row")
         for k, (title, growth, factor, unit) in enumerate(growths):
-            # Rare jumps of the reference would squeeze everything else into a line.
+            # Rare jumps of the reference would otherwise set the scale.
             low, high = np.percentile(factor * growth, (1.0, 99.0))
             for axes, (name, covariate) in zip(panels[k], covariates, strict=True):
                 axes.axhline(0.0, color=GREY, linewidth=0.8)

@@ -19,5 +19,5 @@ def replay_poses(folder: Path) -> Poses:
 
 
 def poses_of(replayed: Replayed, name: str) -> Poses:
-    """The start and all poses with their covariances and bounds."""
+    """Start and all poses with their covariances and bounds."""
     return poses_of_rows(name, table(replayed), replayed.digest())

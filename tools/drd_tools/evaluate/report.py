@@ -1,4 +1,4 @@
-"""From saved results to pictures and the HTML page."""
+"""Pictures and HTML page from saved results."""
 
 import re
 from pathlib import Path
@@ -54,7 +54,7 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     growth = folder / f"{prefix}drivers.png"
     if run.windows.why_not:
         page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
-        growth.unlink(missing_ok=True)  # of an earlier evaluation
+        growth.unlink(missing_ok=True)  # from an earlier evaluation
     else:
         growth_picture(growth, run.windows)
         files.append(growth)
@@ -75,7 +75,7 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
 
 
 def no_temperature(run: Run) -> str:
-    """Sentence on why a picture has no temperature."""
+    """Sentence saying why a picture has no temperature."""
     return f"No temperature: {run.reference} has no fog.csv with temperature_c."
 
 
@@ -94,7 +94,7 @@ def print_run(run: Run) -> None:
 
 
 def print_runs(evaluation: Evaluation) -> None:
-    """Print one run in full; of several a table, and their consistency together."""
+    """Print one run in full, or a table of several and their joint consistency."""
     runs = evaluation.runs
     if len(runs) == 1:
         print_run(runs[0])

@@ -1,4 +1,4 @@
-"""What `drd evaluate` keeps: computed once, saved as JSON, reported, compared and drawn as often as wanted."""
+"""Results of `drd evaluate`: computed once, saved as JSON, then reported, compared and drawn any number of times."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -19,8 +19,8 @@ from drd_tools.report.saved import Saved
 class Series:
     """Series for the pictures, at most 2000 rows: `time_s` (n,), `estimate` (as aligned) and `reference` (n, 2), m.
 
-    `error` (n, 3) along and across the reference's track, m, and of the heading, deg; `sigma` (n, 3) what is claimed
-    for it, the reference's own included.
+    `error` (n, 3) along and across the reference's track, m, and of the heading, deg; `sigma` (n, 3): its claimed
+    standard deviations, including the reference's own noise.
     """
 
     time_s: Array
@@ -32,10 +32,10 @@ class Series:
 
 @dataclass(frozen=True)
 class Run:
-    """One estimate judged against one reference.
+    """One estimate evaluated against one reference.
 
-    `lag_taken_s`: by how much the reference's times were taken earlier; `lag_left_s`: by how much it clearly shows
-    turns later than the poses, None where too few rows could have shown it to take it off.
+    `lag_taken_s`: by how much the reference's times were shifted earlier; `lag_left_s`: by how much it still clearly
+    lags the poses; None if a lag was to be estimated and too few rows allowed it.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Run:
     consistency: Consistency
     windows: Windows
     series: Series
-    limit: Limit | None = None  # of the recording, where it is known
+    limit: Limit | None = None  # of the recording, if known
     lag_taken_s: float = 0.0
     lag_left_s: float | None = 0.0
 

@@ -1,4 +1,4 @@
-"""The figures as sentences and table rows, for the terminal and the page."""
+"""Figures as sentences and table rows, for the terminal and the page."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -22,7 +22,7 @@ UNKNOWN: Final = "-"
 
 
 def summary_rows(runs: Sequence[Run]) -> list[list[str]]:
-    """A row for each run, of SUMMARY_HEADER."""
+    """Rows of SUMMARY_HEADER, one per run."""
     rows = []
     for run in runs:
         nees = next((n for n in run.consistency.nees if n.part == "pose"), None)
@@ -47,7 +47,7 @@ def main_figures(run: Run) -> tuple[float | None, ...]:
 
 
 def sentences(run: Run) -> Iterator[str]:
-    """Everything that is a single figure, each with what it means."""
+    """Sentences on all single figures, with their meaning."""
     yield from _basis(run)
     yield from in_words(run.lag_taken_s, run.lag_left_s)
     yield f"Alignment: {run.alignment.sentence}."
@@ -76,7 +76,7 @@ def sentences(run: Run) -> Iterator[str]:
 
 
 def _limit(run: Run, name: str) -> str:
-    """The bound beside an error; empty where there is none."""
+    """Limit of an error, in parentheses; empty if there is none."""
     if run.limit is None:
         return ""
     value = float(getattr(run.limit, name))
@@ -143,7 +143,7 @@ def _consistency(run: Run) -> Iterator[str]:
 
 
 def relative_tables(run: Run) -> Iterator[tuple[Sequence[str], list[list[str]], str]]:
-    """Header, rows and caption of the relative errors that the run has."""
+    """Yield header, rows and caption of each table of relative errors."""
     if run.by_length:
         yield _LENGTH_HEADER, list(map(_relative_row, run.by_length)), "Relative error over segments of the path"
     if run.by_time:
@@ -151,7 +151,7 @@ def relative_tables(run: Run) -> Iterator[tuple[Sequence[str], list[list[str]], 
 
 
 def _relative_row(r: Relative) -> list[str]:
-    """Cells of a row, without means per metre where there are none."""
+    """Cells of a row, without means per metre if there are none."""
     cells = [f"{r.size:.3g}", str(r.segments), f"{r.position_rmse_m:.3g}", f"{r.heading_rmse_deg:.3g}"]
     if r.mean_m_per_m is not None and r.mean_deg_per_m is not None:
         cells += [f"{100.0 * r.mean_m_per_m:.3g}", f"{r.mean_deg_per_m:.3g}"]
@@ -168,7 +168,7 @@ def nees_rows(parts: Sequence[Nees]) -> list[list[str]]:
 
 
 def nees_together(runs: Sequence[Run]) -> list[Nees]:
-    """NEES over all runs that have it; empty where fewer than two do."""
+    """NEES over all runs that have it; empty if fewer than two do."""
     found = []
     for part in PARTS:
         parts = [n for run in runs for n in run.consistency.nees if n.part == part]

@@ -1,4 +1,4 @@
-"""Poses and their reference: reading them, and bringing them to common times."""
+"""Read poses and their reference, and bring them to common times."""
 
 import math
 from dataclasses import dataclass
@@ -30,15 +30,15 @@ from drd_tools.recordings.path_length import path_length_m
 HEADERS: Final = tuple(
     (*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,), (BOUND, VALID)))
 )
-MAX_GAP_S: Final = 1.0  # between estimates that are interpolated: 20 poses, of which any may be lost
-DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself
+MAX_GAP_S: Final = 1.0  # longest gap to interpolate over: 20 poses, which may be lost
+DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, determines the path length alone
 
 
 @dataclass(frozen=True)
 class Poses:
     """Estimated poses: `time_s` (n,), `pose` (n, 3) of x_m, y_m, heading_rad (continuous).
 
-    `covariance` (n, 3, 3), of x, y and heading, m and rad, and `bound_m` (n,), the claimed 99 % radius, where known.
+    `covariance` (n, 3, 3), of x, y and heading, m and rad, and `bound_m` (n,), the claimed 99 % radius, if known.
     """
 
     name: str
@@ -51,9 +51,9 @@ class Poses:
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference poses, as `Poses`, with the standard deviations of a coordinate and of the heading (0: not known).
+    """Reference poses, as `Poses`, with the standard deviations of a coordinate and of the heading (0: unknown).
 
-    `temperature` has the time and the gyro's temperature, shape (m,) each, where the recording has it.
+    `temperature`: times and gyro temperatures, shape (m,) each, if the recording has them.
     """
 
     name: str
@@ -67,10 +67,10 @@ class Reference:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Estimate and reference at the reference's times. k rows.
+    """Estimate and reference at the reference's times, k rows.
 
     `time_s` (k,), `estimate` and `reference` (k, 3), `covariance` (k, 3, 3), `bound_m` (k,); `travelled_m` (k,), the
-    path's length since the first row. `outside` and `in_gaps` count the reference's rows that have no estimate.
+    path length since the first row. `outside` and `in_gaps` count the reference's rows without an estimate.
     """
 
     time_s: Array
@@ -85,19 +85,19 @@ class Pairs:
 
     @property
     def error(self) -> Array:
-        """Estimate less reference, shape (k, 3), m and rad. The heading's is continuous along the rows."""
+        """Estimate minus reference, shape (k, 3), m and rad. The heading error is continuous along the rows."""
         difference = self.estimate - self.reference
         difference[:, 2] = np.unwrap(wrapped(difference[:, 2]))
         return difference
 
 
 def wrapped(angle_rad: Array) -> Array:
-    """The angle in (-pi, pi]."""
+    """Wrap angles to (-pi, pi]."""
     return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
 
 
 def poses_of_rows(name: str, rows: Array, sha256: str = "") -> Poses:
-    """Poses of rows (n, columns) with the columns ESTIMATES, but the heading in rad, continuous."""
+    """Poses from rows (n, columns) with the columns ESTIMATES, but the heading in rad, continuous."""
     covariance = of_upper(rows[:, [ESTIMATES.index(column) for column in COVARIANCE]])
     return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, ESTIMATES.index(BOUND)], sha256)
 
@@ -120,13 +120,13 @@ def read_poses(file: Path) -> Poses:
 
 
 def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
-    """Whether each has no eigenvalue below zero, beyond the rounding of printed digits."""
+    """Whether matrices have no negative eigenvalue, apart from the rounding of printed digits."""
     positive: npt.NDArray[np.bool_] = least_eigenvalues(matrices) > -1e-3
     return positive & (matrices[:, range(3), range(3)] >= 0.0).all(axis=1)
 
 
 def least_eigenvalues(S: Array) -> Array:
-    """Least eigenvalue of the correlations of covariances (k, d, d), (k,): metres and radians are alike there."""
+    """Least eigenvalues, (k,), of the correlation matrices of covariances (k, d, d), where units do not matter."""
     sigma = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), 1e-30))
     return np.asarray(np.linalg.eigvalsh(S / sigma[:, :, None] / sigma[:, None])[:, 0])
 
@@ -134,7 +134,7 @@ def least_eigenvalues(S: Array) -> Array:
 def read_reference(
     path: Path, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None
 ) -> Reference:
-    """Read a recording folder or a reference.csv. Sigmas that are given win over robot.yaml's. Raises ConfigError."""
+    """Read a recording folder or a reference.csv. Given sigmas override those of robot.yaml. Raises ConfigError."""
     if not path.is_dir():
         time_s, x_m, y_m, heading_deg = read_table(path, (POSES,), rows=2).values.T
         pose = np.column_stack([x_m, y_m, continuous_rad(heading_deg)])
@@ -146,7 +146,7 @@ def read_reference(
 def reference_of(
     recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None
 ) -> Reference:
-    """The reference of a recording that was read. Raises ConfigError where there is none."""
+    """Reference of a recording. Raises ConfigError if there is none."""
     log, sheet, fog = recording.reference, recording.nominal, recording.fog
     if log is None or len(log.time_s) < 2:
         got = "none" if log is None else "1"
@@ -167,8 +167,8 @@ def reference_of(
 def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
     """Bring the estimate to the reference's times: linear interpolation, the heading unwrapped.
 
-    A reference row is left out where it lies before the first or after the last estimate (nothing is extrapolated), or
-    between two estimates that are more than `max_gap_s` apart. Raises ConfigError where fewer than 2 rows are left.
+    A reference row is left out if it is before the first or after the last estimate (nothing is extrapolated), or
+    between two estimates more than `max_gap_s` apart. Raises ConfigError if fewer than 2 rows are left.
     """
     at_s, known_s = reference.time_s, poses.time_s
     inside = (at_s >= known_s[0]) & (at_s <= known_s[-1])
