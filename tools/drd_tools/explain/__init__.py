@@ -1,1 +1,1 @@
-"""The error budget of the pose: how much of its uncertainty each cause brings, and what an actual error is due to."""
+"""Error budget of the pose: its uncertainty by cause, and the most likely causes of an actual error."""

@@ -1,4 +1,4 @@
-"""The actual error over the interval, and what the budget makes of it."""
+"""Actual error over the interval, and its explanation by the budget."""
 
 import math
 from typing import Final
@@ -20,9 +20,9 @@ REFERENCE: Final = "the reference itself"
 
 
 def errors(table: Array, reference: Reference, time_s: Array, from_s: float) -> Array:
-    """Estimate less reference at `time_s` (m,), both counted from their poses at `from_s`: x, y, heading, (m, 3).
+    """Estimate minus reference at `time_s` (m,), both relative to their poses at `from_s`: x, y, heading, (m, 3).
 
-    In the estimate's axes; `table` (n, 4) has its time_s, x_m, y_m, heading_rad. Heading errors lie within half a turn.
+    In the estimate's axes; `table` (n, 4) has its time_s, x_m, y_m, heading_rad. Heading errors are within half a turn.
     """
     e, r = (
         np.stack([np.interp([from_s, *time_s], t, column) for column in columns.T], axis=1)
@@ -34,7 +34,7 @@ def errors(table: Array, reference: Reference, time_s: Array, from_s: float) -> 
 
 
 def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, ...], from_s: float) -> Actual:
-    """Judge the error at the end, and on the way where the reference states its noise, which would pass for drift."""
+    """Judge the error at the end, and on the way if the reference's noise is stated: else it would pass for drift."""
     table, followed = interval.table(), interval.budget.parts
     assert followed is not None
     mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, interval.kept_ways)
@@ -77,14 +77,14 @@ def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, 
 
 
 def with_unknown_way(covariance: Array, ways: list[Array]) -> Array:
-    """The kept parts' covariance, with what the scale of all ways adds while the drive is not known. (34)"""
+    """Add to the kept parts' covariance that of the unknown scale of all travel, while the drive is unknown. (34)"""
     distances_m = np.zeros((len(ways), len(GROUPS), 3))
     distances_m[:, GROUPS.index(CAUSES[SKID_SCALE].group)] = ways
     return covariance + np.outer(distances_m, distances_m)
 
 
 def _parts(course: Attribution, error: Array) -> tuple[list[Part], list[list[str]]]:
-    """Each group's most likely part, and the pairs that cannot be told apart, in position or heading."""
+    """Most likely part of each group, and the pairs that cannot be distinguished, in position or heading."""
     names = (*GROUPS, REFERENCE)
     length = math.hypot(error[0], error[1])
     direction = np.array([error[0] / length, error[1] / length, 0.0]) if length > 0.0 else np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""From a recording to its explanation: the budget at the end and on the way, and the actual error beside it."""
+"""Explain a recording: the budget at the end and on the way, and the actual error."""
 
 import math
 from dataclasses import replace
@@ -21,12 +21,12 @@ from drd_tools.limit.causes import CAUSES, GROUPS, by_group
 from drd_tools.replay.result import Replayed
 
 DRAWN: Final = 600
-KEPT: Final = 8  # times on the way at which the actual error is looked at
+KEPT: Final = 8  # times on the way at which the actual error is evaluated
 DIGITS: Final = 6
 
 
 class Plan(NamedTuple):
-    """Beginning and end of the interval in s (None: of the recording), and the times at which poses are kept."""
+    """Beginning and end of the interval in s (None: those of the recording), and times at which poses are kept."""
 
     from_s: float | None
     to_s: float | None
@@ -37,9 +37,9 @@ class Plan(NamedTuple):
 def explain(
     source: Source, from_s: float | None, to_s: float | None, reference: Reference | None, lag_s: float = 0.0
 ) -> Explanation:
-    """Replay and explain. `lag_s`: how late the reference is, NaN: as the headings show, for which it replays twice.
+    """Replay and explain. `lag_s`: lag of the reference, NaN: estimate it from the headings, by a second replay.
 
-    Raises ConfigError, also where the interval has no pose.
+    Raises ConfigError, also if the interval has no pose.
     """
     taken_s = lag_s
     left_s: float | None = 0.0
@@ -83,7 +83,7 @@ def _rejections(replayed: Replayed) -> list[str]:
 
 
 def make_plan(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Plan:
-    """Plan the interval; with a reference it begins and ends with a row of it: only there the error is known."""
+    """Plan the interval; with a reference it begins and ends at rows of it, where the error is known."""
     low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
     for name, value_s in (("--from", from_s), ("--to", to_s)):
         if value_s is not None and not source.first_s <= value_s <= source.last_s:

@@ -1,4 +1,4 @@
-"""Which causes an actual error is most likely due to: the conditional mean of each cause's part, given the error."""
+"""Attribute an actual error to its most likely causes: the conditional mean of each cause's part, given the error."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,8 +17,8 @@ REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are roundi
 class Attribution:
     """Parts of the last pose's error. With g groups, the reference's own noise being the last of them:
 
-    `mean` (g, 3), the parts of x, y, heading, which add up to the error; `covariance` (g, g, 3, 3), of part i with
-    part j. `chi2` of the whole error with `dof` degrees of freedom, and `p`, how likely one as large is by the budget.
+    `mean` (g, 3): the parts of x, y, heading, which sum to the error; `covariance` (g, g, 3, 3): that of part i with
+    part j. `chi2` of the whole error with `dof` degrees of freedom, and `p`, the probability of one as large.
     """
 
     mean: Array
@@ -29,18 +29,18 @@ class Attribution:
 
 
 def attribute(mean: Array, covariance: Array, own: Array, error: Array) -> Attribution:
-    """Share the error out. (60)
+    """Attribute the error to the groups. (60)
 
-    `mean` (m, g - 1, 3) and `covariance` (3 m (g - 1), 3 m (g - 1)) of the groups' parts in m poses, by the filter's
-    comparisons; `own` (3 m, 3 m) of the reference; `error` (3 m,). Where their sum is singular, only the directions
-    count in which an error is expected at all.
+    `mean` (m, g - 1, 3) and `covariance` (3 m (g - 1), 3 m (g - 1)): those of the groups' parts in m poses, given the
+    filter's comparisons; `own` (3 m, 3 m): that of the reference; `error` (3 m,). If their sum is singular, only
+    directions in which an error is expected at all count.
     """
     m, groups = mean.shape[:2]
     blocks = covariance.reshape(m, groups, 3, m, groups, 3)
     S = blocks.sum(axis=(1, 4)).reshape(3 * m, 3 * m) + own
     inverse, dof = _inverse(S)
     surprise = error - mean.sum(axis=1).ravel()
-    last = np.zeros((groups + 1, 3, 3 * m))  # of the parts of the last pose with the whole error
+    last = np.zeros((groups + 1, 3, 3 * m))  # covariance of the last pose's parts with the whole error
     last[:-1] = blocks[-1].sum(axis=3).reshape(groups, 3, 3 * m)
     last[-1] = own[-3:]
     gain = last @ inverse
@@ -54,7 +54,7 @@ def attribute(mean: Array, covariance: Array, own: Array, error: Array) -> Attri
 
 
 def _inverse(S: Array) -> tuple[Array, int]:
-    """The pseudo-inverse, found on the correlations, and the rank."""
+    """Pseudo-inverse, computed from the correlation matrix, and rank."""
     sigma = np.sqrt(np.maximum(np.diag(S), 0.0))
     scale = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
     values, vectors = np.linalg.eigh(S * np.outer(scale, scale))
@@ -64,16 +64,16 @@ def _inverse(S: Array) -> tuple[Array, int]:
 
 
 def along(attribution: Attribution, direction: Array) -> tuple[Array, Array]:
-    """Each group's part in one direction of the pose, unit vector (3,): values and their covariance, (g,), (g, g)."""
+    """Part of each group along a unit vector (3,) of the pose: values and their covariance, (g,), (g, g)."""
     covariance = np.einsum("ghij,i,j->gh", attribution.covariance, direction, direction)
     return attribution.mean @ direction, covariance
 
 
 def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: float) -> Array:
-    """Covariance of the reference's own noise in errors that count from its first row, shape (3 m, 3 m).
+    """Covariance of the reference's own noise in errors relative to its first row, shape (3 m, 3 m).
 
-    `xy_m` (m, 2): the poses, seen from where the errors count from. Each row has its own noise; that of the first row
-    shifts and turns all that follow.
+    `xy_m` (m, 2): positions relative to that row. Each row has its own noise; that of the first row shifts and rotates
+    all others.
     """
     R = np.diag([position_sigma_m**2, position_sigma_m**2, heading_sigma_rad**2])
     J = start_jacobian(xy_m).reshape(-1, 3)
@@ -81,9 +81,9 @@ def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: flo
 
 
 def inseparable(covariance: Array) -> list[tuple[int, int]]:
-    """Pairs of parts that the error cannot tell apart: where one is larger, the other is smaller. `covariance` (g, g).
+    """Pairs of parts that the error cannot distinguish: if one is larger, the other is smaller. `covariance` (g, g).
 
-    Parts of less than a tenth of the largest one's standard deviation are left out.
+    Parts with less than a tenth of the largest standard deviation are left out.
     """
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     matters = np.flatnonzero(sigma > 0.1 * sigma.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""A covariance for each cause, moved by the filter's own linear steps. The sum over the causes is the filter's P."""
+"""Covariance by cause, propagated by the filter's own linear steps. The sum over the causes is the filter's P."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -16,8 +16,8 @@ COUNT: Final = len(CAUSES)
 class Budget:
     """P_i of each cause, shape (causes, N, N), in the filter's units.
 
-    `delay`: the error state, shape (N,), that a gyro which is late by a constant time brings; a mean, not a variance.
-    `parts`: followed too where it is wanted, for what an actual error is due to.
+    `delay`: error state, shape (N,), due to a gyro with a constant delay; a mean, not a variance. `parts`: propagated
+    as well, if given, to attribute an actual error.
     """
 
     def __init__(self, parts: Parts | None = None):
@@ -27,7 +27,7 @@ class Budget:
         self._T: Matrix = np.zeros((COUNT, N, N))
 
     def predict(self, FT: Matrix, Q: Matrix, delay_rad: float) -> None:
-        """Take a step. `FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: heading error by the delay."""
+        """Predict. `FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: heading error due to the delay."""
         self._move(FT)  # (58)
         self.P += Q
         self.delay[GYRO_HEADING] += delay_rad
@@ -35,7 +35,7 @@ class Budget:
             self.parts.predict(FT, Q)
 
     def update(self, K: Matrix, R: npt.NDArray[np.float64], z: float) -> None:
-        """Take in a comparison `z`: `K` (N,) is the filter's own gain, `R` (causes,) its variance by cause. (58)"""
+        """Update by a comparison `z`: `K` (N,) is the filter's own gain, `R` (causes,) its variance by cause. (58)"""
         P = self.P
         HP = P[:, HEADING] - P[:, GYRO_HEADING]
         HPH = HP[:, HEADING] - HP[:, GYRO_HEADING]
@@ -54,14 +54,14 @@ class Budget:
         self._step(FT)
 
     def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """Let each state's error grow by its share of that of `source`; a share of its own is what is left of it."""
+        """Add to each state's error its share of that of `source`; the share of `source` is what it keeps."""
         FT = np.eye(N)
         for i, share in shares.items():
             FT[source, i] = share
         self._step(FT)
 
     def forget(self, *states: int) -> None:
-        """Drop the old errors of states that are known from elsewhere."""
+        """Drop the old errors of states set from elsewhere."""
         for i in states:
             self.P[:, i, :] = 0.0
             self.P[:, :, i] = 0.0
@@ -82,9 +82,9 @@ class Budget:
             self.add(cause, states[a], states[b], float(block[a, b]))
 
     def rebase(self, pose_heading: int, velocity: Matrix) -> None:
-        """Let errors count from the published pose of this moment on. (59)
+        """Make errors relative to the pose published now. (59)
 
-        `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (30)
+        `velocity` (3,): that of x, y and heading; times the lag, it is the lead of the published pose. (30)
         """
         FT = np.eye(N)
         other = GYRO_HEADING if pose_heading == HEADING else HEADING

@@ -1,4 +1,4 @@
-"""The interval of a recording that is explained: where it begins and ends, and what is kept on the way."""
+"""Interval of a recording that is explained: its ends, and the data kept on the way."""
 
 import math
 from array import array
@@ -18,14 +18,14 @@ from drd_tools.explain.budget import Budget
 from drd_tools.explain.parts import Parts
 from drd_tools.limit.causes import COUNTS, JITTER, LAG_START, NOT_SEEN, SKID_SCALE, SLIP_FOUND
 
-SNAPSHOTS: Final = 1200  # twice as many as are drawn at least
+SNAPSHOTS: Final = 1200  # twice as many as are drawn at most
 FIRST_INTERVAL_S: Final = 0.1
 DELAY_S: Final = 0.01
 XY: Final = (0, 1)
 
 
 class Snapshot(NamedTuple):
-    """Time and travel since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
+    """Time, travel since the interval's start, heading, covariance by cause (causes, 3, 3), error by the delay (3,)."""
 
     time_s: float
     distance_m: float
@@ -35,23 +35,23 @@ class Snapshot(NamedTuple):
 
 
 class Interval:
-    """Is told each step of the filter.
+    """Observer of each step of the filter.
 
-    Times are in seconds of the recording, of which 0 is `zero_ns` on the filter's clock. `from_s`: errors count from
-    the pose there (None: from the filter's own beginning, with the start's uncertainty). `to_s`: None is the end.
-    `keep_s`: rising times whose poses are kept in `budget.parts`.
+    Times are in seconds of the recording, whose 0 is `zero_ns` on the filter's clock. `from_s`: errors are relative to
+    the pose there (None: to the filter's own start, with its uncertainty). `to_s`: None is the end. `keep_s`: ascending
+    times whose poses are kept in `budget.parts`.
     """
 
     def __init__(self, zero_ns: int, from_s: float | None, to_s: float | None, keep_s: tuple[float, ...] = ()):
         self.budget = Budget(Parts() if keep_s else None)
         self.clock: Track | None = None
-        self.steering: Steering | None = None  # knows how badly the scale of all ways is known
+        self.steering: Steering | None = None  # has the uncertainty of the scale of all travel
         self.begin_steering: Callable[[], Steering] | None = None
         self.delay_s = DELAY_S
-        self.reading_m2 = 0.0  # of the wheels between two counts
+        self.reading_m2 = 0.0  # variance of the wheels' reading between two counts
         self.snapshots: list[Snapshot] = []
         self.poses = array("d")  # time_s, x_m, y_m, heading_rad of each step, as published
-        self.kept_ways: list[Matrix] = []  # (3,), what one sigma of the unknown scale does to each kept pose
+        self.kept_ways: list[Matrix] = []  # (3,), change of each kept pose by one sigma of the unknown scale
         self.set_at_s: list[float] = []  # times in the interval at which a pose was set from outside
         self.done = self.begun = False
         self._zero_ns = zero_ns
@@ -68,17 +68,17 @@ class Interval:
         return round(time_s * NS_PER_S) + self._zero_ns
 
     def table(self) -> Matrix:
-        """The filter's poses, shape (n, 4): time_s, x_m, y_m, heading_rad."""
+        """Poses of the filter, shape (n, 4): time_s, x_m, y_m, heading_rad."""
         return np.array(self.poses).reshape(-1, 4)
 
     def before_step(self, kf: Filter) -> None:
-        """Look at the step that ended, complete with its comparison, before the next one begins."""
+        """Record the last step, complete with its comparison, before the next one begins."""
         assert self.clock is not None
         t_ns = self.clock.t_ns
         time_s = (t_ns - self._zero_ns) * S_PER_NS
         velocity, lag_s = self._velocity(kf), self._lag_s
         turn_rad = velocity[2] * lag_s
-        c, s = math.cos(-0.5 * turn_rad), math.sin(-0.5 * turn_rad)  # the travel goes along the middle of the turn
+        c, s = math.cos(-0.5 * turn_rad), math.sin(-0.5 * turn_rad)  # travel is along the middle of the turn
         lead = lag_s * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ velocity
         pose = np.array((kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad)) + lead
         self.poses.extend((time_s, *pose.tolist()))
@@ -102,11 +102,11 @@ class Interval:
         self.done = at_end
 
     def finish(self, kf: Filter) -> None:
-        """Look at the last step: the recording has ended."""
+        """Record the last step, at the end of the recording."""
         if self.clock is not None and self.clock.t_ns and not self.done:
             self._next_ns = 0
             self.before_step(kf)
-            if self.begun and self._kept < len(self._keep_ns):  # the last pose comes a little later than the last step
+            if self.begun and self._kept < len(self._keep_ns):  # the last pose is slightly later than the last step
                 self._keep(kf, self._velocity(kf))
 
     def moved(self, dx_m: float, dy_m: float) -> None:
@@ -114,7 +114,7 @@ class Interval:
         self._distance_m += math.hypot(dx_m, dy_m)
 
     def pose_was_set(self) -> None:
-        """Note that a pose came from outside."""
+        """Note that a pose was set from outside."""
         if self.clock is not None and self.begun:
             self.set_at_s.append((self.clock.t_ns - self._zero_ns) * S_PER_NS)
 
@@ -123,13 +123,13 @@ class Interval:
         return max(getattr(self.clock, "lag_ns", 0), 0) * S_PER_NS
 
     def _velocity(self, kf: Filter) -> Matrix:
-        """Velocity of x, y and heading, by which the published pose is ahead for each second of lag. (30)"""
+        """Velocity of x, y and heading: lead of the published pose per second of lag. (30)"""
         speed_m_s, rate_rad_s = getattr(self.clock, "speed_m_s", 0.0), getattr(self.clock, "rate_rad_s", 0.0)
         heading_rad = kf.heading_rad + rate_rad_s * self._lag_s
         return np.array((speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad), rate_rad_s))
 
     def _unknown_way(self, kf: Filter) -> Matrix:
-        """Change of the pose by one sigma of the scale of all ways, beyond P's. (34)"""
+        """Change of the pose by one sigma of the scale of all travel, beyond P's. (34)"""
         scale, n = self.steering.scale if self.steering is not None else 0.0, kf.nominal
         from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
         return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
@@ -163,7 +163,7 @@ class Interval:
         covariance[SKID_SCALE] += np.outer(travel, travel)
         covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
         covariance[SLIP_FOUND, XY, XY] += self._slipped_m2 - min(self._from_slipped_m2, self._slipped_m2)
-        if self._from_ns is None:  # else it is in both poses alike
+        if self._from_ns is None:  # else it is equal in both poses
             corrected_m2, corrected_rad2 = self._hindsight.corrected(kf)  # (18)
             covariance[SLIP_FOUND] += np.diag((corrected_m2, corrected_m2, corrected_rad2))
             late, lead_s2 = _lead_moments(kf)
@@ -177,8 +177,8 @@ class Interval:
 
 
 def published(kf: Filter, velocity: Matrix) -> Matrix:
-    """Jacobian of the published pose by the error state, (3, N): its own errors, and what a wrong lag puts it ahead, of
-    which an error around 0 does so only in part. (30)
+    """Jacobian of the published pose with respect to the error state, (3, N): its own errors, and its lead by a wrong
+    lag, which counts only in part near 0. (30)
     """
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0

@@ -1,7 +1,7 @@
-"""What each group of causes has most likely brought, given the comparisons of the two headings.
+"""Most likely part of each group of causes in the error state, given the comparisons of the two headings.
 
-The filter knows only the sum of all errors. Where the headings differ, some cause must have brought that, and which one
-matters for what each has brought to the pose: so the parts are followed together, with their covariances.
+The filter knows only the sum of all errors. If the headings differ, some cause must be responsible, and its share of
+that determines its share of the pose error: so the parts are propagated jointly, with their covariances.
 """
 
 from typing import Final
@@ -18,9 +18,9 @@ GROUP_OF: Final = [GROUPS.index(cause.group) for cause in CAUSES]
 
 
 class Parts:
-    """Mean of each group's part of the error state, shape (groups, N), and the covariance of all with all.
+    """Mean of each group's part of the error state, shape (groups, N), and the joint covariance of all.
 
-    `kept_mean` (n, groups, 3) and `kept_covariance` (3 n groups, 3 n groups) are those of the poses that were kept.
+    `kept_mean` (n, groups, 3) and `kept_covariance` (3 n groups, 3 n groups) are those of the kept poses.
     """
 
     def __init__(self) -> None:
@@ -28,15 +28,15 @@ class Parts:
         self.covariance: Matrix = np.zeros((COUNT * N, COUNT * N))
         self.kept_mean: Matrix = np.zeros((0, COUNT, 3))
         self.kept_covariance: Matrix = np.zeros((0, 0))
-        self._kept: Matrix = np.zeros((0, COUNT * N))  # covariance of what was kept with the parts now
+        self._kept: Matrix = np.zeros((0, COUNT * N))  # covariance of the kept parts with the present ones
 
     def predict(self, FT: Matrix, Q: Matrix) -> None:
-        """Take a step: `FT` (N, N), `Q` (causes, N, N). (60)"""
+        """Predict: `FT` (N, N), `Q` (causes, N, N). (60)"""
         self.move(FT)
         self._add_blocks(np.add.reduceat(Q, FIRST, axis=0))
 
     def update(self, K: Array, R: Array, z: float) -> None:
-        """Take in an accepted comparison z, which is fed back with the gain `K` (N,) and tells of the parts. (60)"""
+        """Update by an accepted comparison z, which is fed back with the gain `K` (N,) and observes the parts. (60)"""
         R = np.add.reduceat(R, FIRST)
         MT = np.eye(N)
         MT[HEADING] -= K
@@ -58,7 +58,7 @@ class Parts:
         self.kept_covariance -= np.outer(kept_PH / S, kept_PH)
 
     def move(self, FT: Matrix) -> None:
-        """Take the same linear step with every part."""
+        """Apply the same linear step to every part."""
         size = COUNT * N
         half = (self.covariance.reshape(-1, N) @ FT).reshape(size, size)
         self.covariance = (np.ascontiguousarray(half.T).reshape(-1, N) @ FT).reshape(size, size)
@@ -66,7 +66,7 @@ class Parts:
         self.mean = self.mean @ FT
 
     def forget(self, i: int) -> None:
-        """Drop the errors of a state that is known from elsewhere."""
+        """Drop the errors of a state set from elsewhere."""
         for columns in (self.covariance, self.covariance.T, self._kept, self.mean):
             columns[:, i::N] = 0.0
 
@@ -76,7 +76,7 @@ class Parts:
         self.covariance[at + i, at + j] += covariance
 
     def keep(self, J: Matrix) -> None:
-        """Remember the parts of the pose at this moment; `J` (3, N): the pose's error of the error state."""
+        """Keep the parts of the present pose; `J` (3, N): Jacobian of its error with respect to the error state."""
         picked = np.kron(np.eye(COUNT), J)
         now, old = picked @ self.covariance, self._kept @ picked.T
         self.kept_covariance = np.block([[self.kept_covariance, old], [old.T, now @ picked.T]])

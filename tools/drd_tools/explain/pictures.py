@@ -1,4 +1,4 @@
-"""Pictures of an explanation: the budget over time, and what the actual error is most likely due to."""
+"""Pictures of an explanation: the budget over time, and the most likely causes of the actual error."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +9,7 @@ from drd_tools.explain.results import Actual, Explanation
 from drd_tools.limit.causes import GROUPS
 from drd_tools.report.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, TRUE_GREY, VERMILION, picture, tidy
 
-# A group has its colour in all pictures.
+# A group has the same colour in all pictures.
 COLORS: Final = dict(
     zip(
         GROUPS,
@@ -21,11 +21,11 @@ COLORS: Final = dict(
     )
 )
 MARKED_ROWS: Final = 60
-SMALL: Final = 0.005  # of the panel's largest sigma: what stays below is not drawn by name
+SMALL: Final = 0.005  # of the panel's largest sigma: groups below it are combined
 
 
 def budget_picture(file: Path, e: Explanation) -> None:
-    """Draw position and heading over time: the height is one sigma, its colours share the variance. Raises OSError."""
+    """Draw position and heading over time: the height is one sigma, colours divide the variance. Raises OSError."""
     position, heading = np.array(e.position_m2), np.array(e.heading_deg2)
     largest_m = float(np.sqrt(position.sum(axis=1).max()))
     if e.actual is not None:

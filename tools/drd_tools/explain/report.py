@@ -1,4 +1,4 @@
-"""From a saved explanation to the terminal, the pictures and the HTML page."""
+"""Terminal output, pictures and HTML page from a saved explanation."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -65,7 +65,7 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
             pairs = "; ".join(" and ".join(pair) for pair in e.actual.inseparable)
             page.text(f"Not distinguished by this error (where one is larger the other is smaller): {pairs}.")
     else:
-        (folder / "parts.png").unlink(missing_ok=True)  # of an earlier explanation
+        (folder / "parts.png").unlink(missing_ok=True)  # from an earlier explanation
     if e.limit is not None:
         page.heading("The limit")
         for table in limit_text.tables(e.limit):

@@ -1,4 +1,4 @@
-"""What `drd explain` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
+"""Results of `drd explain`: computed once, saved as JSON, then reported and drawn any number of times."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,9 +9,9 @@ from drd_tools.report.saved import Saved
 
 @dataclass(frozen=True)
 class Line:
-    """Standard deviations at the end that one cause brings, in the robot's axes there, and its shares of the variance.
+    """Standard deviations at the end due to one cause, in the robot's axes there, and its shares of the variance.
 
-    `position_m` is the root of both variances' sum. `part` is empty for a whole group.
+    `position_m` is the root of the sum of both variances. `part` is empty for a whole group.
     """
 
     group: str
@@ -26,7 +26,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Delay:
-    """Error that a gyro late by `delay_s` would make, to first order: at the end, and at most on the way."""
+    """Error that a gyro late by `delay_s` would cause, to first order: at the end, and the largest on the way."""
 
     delay_s: float
     along_m: float
@@ -40,8 +40,7 @@ class Delay:
 class Part:
     """Most likely part of one group in the actual error at the end, with its standard deviation.
 
-    `position_m` counts in the direction of the position's error; the parts add up to its length, and those of the
-    heading to its error.
+    `position_m` is the component along the position error; these sum to its length, and the heading's to its error.
     """
 
     group: str
@@ -53,10 +52,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Actual:
-    """The actual error at the end against a reference, and what the budget says to it.
+    """Actual error at the end against a reference, and its probability by the budget.
 
-    `sigma_m` and `sigma_deg` are what the budget and the reference's own noise state together, as in `Line`. `p`: how
-    likely an error as large is by the budget; `course_p` the same for the errors at `poses` times on the way.
+    `sigma_m` and `sigma_deg`: standard deviations by the budget and the reference's own noise, as in `Line`. `p`:
+    probability of an error as large by the budget; `course_p`: the same for the errors at `poses` times on the way.
     `lag_taken_s`, `lag_left_s`: as in `evaluate.results.Run`.
     """
 
@@ -83,7 +82,7 @@ class Actual:
 
 @dataclass(frozen=True)
 class Explanation(Saved):
-    """An error budget over an interval. Series: a row for each drawn time and a column for each group, variances."""
+    """Error budget over an interval. Series are variances, a row for each drawn time and a column for each group."""
 
     FORMAT: ClassVar = "drd-explanation/1"
     COMMAND: ClassVar = "drd explain"

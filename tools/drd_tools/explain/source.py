@@ -1,4 +1,4 @@
-"""The recording that is explained, replayed by the daemon's own classes, whatever its form."""
+"""Recording to explain, replayed by the daemon's own classes, whatever its format."""
 
 import math
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from drd_tools.replay.result import Replayed
 
 @dataclass(frozen=True)
 class Source:
-    """The recording's time 0 on the filter's clock, its wheels' first and last time (infinite: not known yet).
+    """A recording: its time 0 on the filter's clock, its wheels' first and last time (infinite: not known yet).
 
-    `replay` makes the poses, `limit` the smallest error that any estimator could have.
+    `replay` computes the poses, `limit` the smallest error that any estimator could achieve.
     """
 
     path: Path
@@ -35,7 +35,7 @@ class Source:
     limit: Callable[[], Limit]
 
     def run(self, interval: Interval) -> Replayed:
-        """Replay, telling `interval` each step of the filter. Raises ConfigError."""
+        """Replay, with `interval` observing each step of the filter. Raises ConfigError."""
         replayed = self.replay(new_track=partial(tapped_track, interval))
         assert replayed.zero_ns == self.zero_ns
         if interval.clock is not None:

@@ -1,4 +1,4 @@
-"""The daemon's own filter, with every step of it repeated on the budget."""
+"""Daemon's own filter, with every step repeated on the budget."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -36,7 +36,7 @@ from drd_tools.explain.interval import Interval
 from drd_tools.limit import causes
 from drd_tools.limit.process_noise import FilterByCause
 
-# The cause of what is not known of a state at the start, or once it is forgotten.
+# Cause of a state's uncertainty at the start, or after it was forgotten.
 START_OF = {
     X: causes.START_POSE,
     Y: causes.START_POSE,
@@ -51,11 +51,11 @@ START_OF = {
 
 
 def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
-    """A track as the estimator's own, whose filter tells `interval` its steps."""
+    """Make a track like the estimator's own, whose filter reports its steps to `interval`."""
     interval.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
     interval.steering = interval.begin_steering()
 
-    # One that is to take over from another goes on with the other's budget, see copy_from.
+    # A track that may take over from another continues the other's budget, see copy_from.
     is_first = interval.clock is None
 
     def tapped(*args: Any) -> TappedFilter:
@@ -66,23 +66,23 @@ def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: Nois
 
 
 class _View(Filter):
-    """The filter for steering to look at; what it says changes nothing: the filter is told by the estimator's own."""
+    """Read-only view of the filter for steering: the estimator's own steering already changes the filter."""
 
     def __init__(self, kf: Filter):
         self.nominal, self._p, self.flat_P = kf.nominal, kf._p, kf.flat_P
 
     def add_scale_variance(self, common: float, difference: float) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def forget_slip(self) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def add_lag_variance(self, variance_s2: float) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class TappedFilter(FilterByCause):
-    """Does what the filter does, and the same to the covariance of each cause."""
+    """Filter that repeats each of its steps on the covariance of each cause."""
 
     def __init__(
         self, interval: Interval, tread_m: float, sigmas: Sigmas, noise: NoiseProfile, *args: Any, recorded: bool = True
@@ -101,12 +101,12 @@ class TappedFilter(FilterByCause):
         return self._watches and not self._interval.done
 
     def copy_from(self, other: Filter) -> None:
-        """As the filter's: goes on in another's place, also where that one was watched."""
+        """Continue in place of another filter, and from then on record to the budget."""
         super().copy_from(other)
         self._watches = True
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
-        """As the filter's; each standard deviation is a cause of its own."""
+        """Restart; each initial standard deviation is assigned to its cause."""
         if self._is_recorded:
             self._budget.forget(*range(N))
             if self._interval.begin_steering is not None:
@@ -162,7 +162,7 @@ class TappedFilter(FilterByCause):
             self._budget.spread_error(source, shares)
 
     def add_position_variance(self, variance_m2: float) -> None:
-        """As the filter's: motion that was not seen."""
+        """Add variance of unobserved motion."""
         xx, yy = self._p[XX], self._p[YY]
         super().add_position_variance(variance_m2)
         self._unseen = True
@@ -171,7 +171,7 @@ class TappedFilter(FilterByCause):
             self._budget.add(causes.NOT_SEEN, Y, Y, self._p[YY] - yy)
 
     def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
-        """As the filter's: slip, or, right after the position's, a turn that was not seen."""
+        """Add variance of slip or, right after the position's, of an unobserved turn."""
         hh = self._p[HH]
         super().add_heading_variance(variance_rad2, both)
         cause = causes.NOT_SEEN if self._unseen and both else causes.SLIP_FOUND
@@ -200,7 +200,7 @@ class TappedFilter(FilterByCause):
             self._budget.add(causes.BIAS_START, GYRO_BIAS, GYRO_BIAS, sigma_rad_s**2)
 
     def add_scale_variance(self, common: float, difference: float) -> None:
-        """As the filter's: the wheels skid."""
+        """Add variance of the wheel scales, since the wheels skid."""
         before = self.P.copy()
         super().add_scale_variance(common, difference)
         if self._is_recorded:
@@ -212,21 +212,21 @@ class TappedFilter(FilterByCause):
             self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
 
     def add_lag_variance(self, variance_s2: float) -> None:
-        """As the filter's: the tread was wrong with which the lag was learned."""
+        """Add variance of the lag, which was learned with a wrong tread."""
         before = self.P.copy()
         super().add_lag_variance(variance_s2)
         if self._is_recorded:
             self._budget.add_matrix(causes.LAG_START, self.P - before)
 
     def set_covariance(self, states: Sequence[int], covariance: Matrix) -> None:
-        """As the filter's: what was learned while the wheels slipped is taken back."""
+        """Revert what was learned while the wheels slipped."""
         super().set_covariance(states, covariance)
         if self._is_recorded:
             self._budget.forget(*states)
             self._budget.add_matrix(causes.SLIP_FOUND, covariance, states)
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
-        """As the filter's: which cause brought what is not known of an estimate from elsewhere."""
+        """Take over an estimate from elsewhere; its uncertainty becomes a single cause."""
         super().put(nominal, P)
         if self._is_recorded:
             self._budget.forget(*range(N))

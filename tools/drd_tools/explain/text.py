@@ -1,4 +1,4 @@
-"""The explanation as sentences and table rows, for the terminal and the page."""
+"""Explanation as sentences and table rows, for the terminal and the page."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ ROUGH_DEG: Final = 10.0
 
 
 def lead(e: Explanation) -> Iterator[str]:
-    """The few sentences for a reader in a hurry."""
+    """Sentences that summarise the explanation."""
     yield (
         f"From {e.from_s:.2f} to {e.to_s:.2f} s, over {e.way_m:.4g} m, the position error grows to "
         f"{metres(e.total.position_m)} and the heading error to {e.total.heading_deg:.3g} deg (1 sigma), according to "
@@ -57,7 +57,7 @@ def _largest(e: Explanation) -> str:
 
 
 def _named(e: Explanation, group: Line, what: str) -> str:
-    """The group, with the part of it that brings most."""
+    """Name of a group, with its largest part."""
     share = "position_share" if what == "position" else "heading_share"
     parts = [line for line in e.causes if line.group == group.group]
     most = max(parts, key=lambda line: float(getattr(line, share)))
@@ -105,7 +105,7 @@ def _verdict(a: Actual) -> Iterator[str]:
 
 
 def fits(a: Actual) -> bool:
-    """Whether the budget can bring such an error, so that sharing it out has a meaning."""
+    """Whether the budget can explain such an error, so that attributing it is meaningful."""
     return a.p >= UNLIKELY and a.course_p >= UNLIKELY
 
 
@@ -145,7 +145,7 @@ def _most_likely(a: Actual) -> str:
 
 
 def budget_rows(e: Explanation, detailed: bool = False) -> list[list[str]]:
-    """Rows of HEADER, largest first, then the sum; `detailed`: each cause."""
+    """Rows of HEADER, largest first, then the total; `detailed`: each cause."""
     lines = [line for line in (e.causes if detailed else e.groups) if line.position_m or line.heading_deg]
     lines.sort(key=lambda line: -(line.position_share + line.heading_share))
     return [_row(line, detailed) for line in (*lines, e.total)]
@@ -165,13 +165,13 @@ def _row(line: Line, detailed: bool) -> list[str]:
 
 
 def silent_groups(e: Explanation) -> str:
-    """Sentence on the groups that have no part in it."""
+    """Sentence on the groups without a contribution."""
     names = [line.group for line in e.groups if not line.position_m and not line.heading_deg]
     return f"No contribution: {', '.join(names)}." if names else ""
 
 
 def parts_rows(a: Actual) -> list[list[str]]:
-    """Rows of PARTS_HEADER, then the sum, which is the actual error."""
+    """Rows of PARTS_HEADER, then the total, which is the actual error."""
     parts = [p for p in a.parts if p.position_sigma_m or p.heading_sigma_deg]
     rows = [
         [
@@ -200,7 +200,7 @@ def parts_caption(a: Actual) -> str:
 
 
 def delay_sentence(e: Explanation) -> str:
-    """Sentence on what a late gyro would do; empty where there is none."""
+    """Sentence on the effect of a late gyro; empty without a gyro."""
     if e.delay is None:
         return ""
     d = e.delay
