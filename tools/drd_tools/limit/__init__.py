@@ -1,1 +1,1 @@
-"""The smallest error that any estimator can have on a drive: the posterior Cramer-Rao bound."""
+"""Smallest error that any estimator can achieve on a drive: the posterior Cramer-Rao bound."""

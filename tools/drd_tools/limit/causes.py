@@ -1,4 +1,4 @@
-"""The causes of the pose's error that the filter knows, in groups, and what would make each smaller."""
+"""Causes of the pose error that the filter models, in groups, and how to reduce each."""
 
 from typing import Final, NamedTuple
 
@@ -8,7 +8,7 @@ from drd.arrays import Array
 
 
 class Cause(NamedTuple):
-    """One source of variance: its group, and what it is within it."""
+    """One source of variance: its group, and its part of it."""
 
     group: str
     part: str
@@ -72,7 +72,7 @@ HELP: Final = {
     "start pose": "a start pose that is better known (estimation.initial, or the sigmas of drd/set_pose)",
     "before a restart": "drd/set_pose at a place that is known",
 }
-# In place of those above, where the robot has no gyro.
+# In place of those above, if the robot has no gyro.
 HELP_WITHOUT_GYRO: Final = {
     "latency": "counters that are sent more often and sampled at one time; a smaller estimation.noise.timing_s once it "
     "is measured",
@@ -81,7 +81,7 @@ HELP_WITHOUT_GYRO: Final = {
 
 
 def by_group(values: Array) -> Array:
-    """Sums over the causes of each group: shape (causes, ...) to (groups, ...)."""
+    """Sum over the causes of each group: shape (causes, ...) to (groups, ...)."""
     summed = np.zeros((len(GROUPS), *values.shape[1:]))
     for cause, part in zip(CAUSES, values, strict=True):
         summed[GROUPS.index(cause.group)] += part

@@ -1,4 +1,4 @@
-"""A drive as blocks of time along which the bound is computed, and the noise that its replay has learned."""
+"""Drive as blocks of time along which the bound is computed, with the noise learned in its replay."""
 
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -13,14 +13,15 @@ from drd.estimation.state import Sigmas
 from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
 
-# Linear steps as long as that are exact enough: a turn of 0.1 rad bends a chord by 0.04 %; at rest only the bias moves.
+# Linear steps of this length are accurate enough: a turn of 0.1 rad shortens a chord by 0.04 %; at rest only the bias
+# moves.
 MOVING_S: Final = 0.25
 STANDING_S: Final = 1.0
 TURN_RAD: Final = 0.1
 
 
 class Block(NamedTuple):
-    """Motion in one interval of time. Travel is without the scale errors that were learned."""
+    """Motion in one interval of time. Travel is corrected for the learned scale errors."""
 
     dt_s: float
     left_m: float
@@ -29,13 +30,13 @@ class Block(NamedTuple):
 
     @property
     def is_rest(self) -> bool:
-        """Whether both wheels stand, which leaves the wheels' heading without noise."""
+        """Whether both wheels are at rest, so that the wheels' heading has no noise."""
         return self.left_m == 0.0 and self.right_m == 0.0
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Blocks in order of time. `gyro_hz` is 0 without a gyro; `noise`: as learned on the way."""
+    """Blocks in order of time. `gyro_hz` is 0 without a gyro; `noise`: as learned during the drive."""
 
     blocks: list[Block]
     tread_m: float
@@ -45,26 +46,26 @@ class Drive:
 
     @property
     def distance_m(self) -> float:
-        """The length of the path."""
+        """Length of the path."""
         return sum(0.5 * abs(b.left_m + b.right_m) for b in self.blocks)
 
 
 class _Watched(Filter):
-    """Keeps what each step was given, and what it turned the pose's heading by."""
+    """Filter that records the input of each step, and its change of the pose's heading."""
 
     def __init__(self, *args: Any):
         self.steps: list[Block] = []
         super().__init__(*args)
 
     def predict(self, dt_s: float, left_m: float, right_m: float, *args: Any, **kwargs: Any) -> None:
-        """As the filter's."""
+        """Predict, and record the step."""
         before_rad = self.heading_rad
         super().predict(dt_s, left_m, right_m, *args, **kwargs)
         self.steps.append(Block(dt_s, left_m, right_m, self.heading_rad - before_rad))
 
 
 def replayed_drive(recording: Recording, config: Config) -> Drive:
-    """The drive as the daemon's own estimator sees it. Raises ConfigError where nothing can be replayed."""
+    """Replay a drive with the daemon's own estimator. Raises ConfigError if nothing can be replayed."""
     watched: list[_Watched] = []
 
     def new_track(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
@@ -86,7 +87,7 @@ def replayed_drive(recording: Recording, config: Config) -> Drive:
 
 
 def blocks_of(steps: list[Block]) -> list[Block]:
-    """Steps added up to blocks, none of which holds both rest and motion. At rest there is no turn."""
+    """Sum steps to blocks, none of which contains both rest and motion. At rest there is no turn."""
     blocks: list[Block] = []
     for step in steps:
         s = step._replace(turn_rad=0.0) if step.is_rest else step

@@ -1,4 +1,4 @@
-"""What is true of a recording, as well as it can be known: noise and geometry. (62)"""
+"""True noise and geometry of a recording, as well as they can be known. (62)"""
 
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -17,17 +17,17 @@ from drd_tools.simulate.files import TRUTH, read_truth
 
 # A comparison without any noise would leave S at 0.
 FINEST_RAD2: Final = 1e-14
-# A window's travel: long enough for slip to be seen beside the reference's noise, short enough for many of them.
+# Travel of a window: long enough for slip to exceed the reference's noise, short enough for many windows.
 WINDOW_TREADS: Final = 5.0
 LEAST_WINDOWS: Final = 8
-LEAST_FACTOR: Final = 1e-3  # what is smaller is not told from none
+LEAST_FACTOR: Final = 1e-3  # anything smaller is indistinguishable from none
 MEDIAN_PER_VARIANCE: Final = 0.4549  # median of chi-square with one degree of freedom
 SLIP: Final = ("wheel_m2_per_m", "lateral_m2_per_m", "position_m2_per_rad", "turn_rad2_per_rad", "tread_m2_per_rad")
 
 
 @dataclass(frozen=True)
 class Known:
-    """The true noise, what is not known at the start, and a sentence that says where both come from."""
+    """True noise, initial uncertainty, and a sentence on the origin of both."""
 
     noise: NoiseProfile
     sigmas: Sigmas
@@ -35,7 +35,7 @@ class Known:
 
 
 def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
-    """Noise and geometry by the recording's files: the data sheet where it states them, else as measured."""
+    """Noise and geometry from the recording's files: the datasheet if it states them, else as measured."""
     if recording.nominal.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
         return Known(*_datasheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
     noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
@@ -52,12 +52,12 @@ def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
 
 
 def fixed(start: Sigmas) -> Sigmas:
-    """The start with all geometry known: only the pose and the gyro's bias are as before."""
+    """Initial sigmas with all geometry known: only those of the pose and the gyro bias remain."""
     return Sigmas(start.position_m, start.heading_rad, 0.0, 0.0, 0.0, start.gyro_bias_rad_s)
 
 
 def _datasheet(recording: Recording, config: Config, drive: Drive) -> tuple[NoiseProfile, Sigmas]:
-    """Noise and start that the data sheets state and the simulator does, and nothing beside it."""
+    """Noise and initial sigmas that the datasheets state and the simulator has, and nothing else."""
     k = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)
     gyro, wheels, jitter_s = _conditions(recording)
     step_s = 1.0 / drive.gyro_hz if drive.gyro_hz else 0.0
@@ -75,13 +75,13 @@ def _datasheet(recording: Recording, config: Config, drive: Drive) -> tuple[Nois
 
 
 def _is_of_contacts(recording: Recording) -> bool:
-    """Whether slip and tread came from contact physics: its robot.yaml states none of what emerged."""
+    """Whether slip and tread result from contact physics, so that robot.yaml does not state them."""
     truth = recording.folder / TRUTH
     return truth.is_file() and "world: mujoco" in truth.read_text(encoding="utf-8", errors="replace")
 
 
 def _conditions(recording: Recording) -> tuple[float, float, float]:
-    """Factors of the gyro's and of the wheels' noise, and the stamps' jitter, of a simulated recording."""
+    """Factors on the gyro and wheel noise, and the time stamps' jitter, of a simulated recording."""
     if not (recording.folder / TRUTH).is_file():
         return 1.0, 1.0, 0.0
     conditions: Any = read_truth(recording.folder).get("conditions", {})
@@ -94,9 +94,9 @@ def _conditions(recording: Recording) -> tuple[float, float, float]:
 
 
 def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> float | None:
-    """Factor of the wheels' variances on those stated, by the turns that a reference shows. (62)
+    """Factor of the wheels' variances relative to those stated, from the turns that a reference shows. (62)
 
-    The reference's turn of each window is fitted by both wheels' ways, so that scales and tread do not count.
+    The reference's turn in each window is regressed on both wheels' travel, so that scales and tread do not matter.
     """
     log = recording.reference
     if log is None or len(log.time_s) < LEAST_WINDOWS:

@@ -1,4 +1,4 @@
-"""The smallest error that any estimator can have on a recording, and what would lower it most. (61) to (63)"""
+"""Smallest error that any estimator can achieve on a recording, and what would lower it most. (61) to (63)"""
 
 import math
 from collections.abc import Iterator
@@ -35,10 +35,10 @@ from drd_tools.limit.recursion import Case, ErrorModel, Spread, spreads, standin
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import configuration
 
-LONGER_S: Final = 60  # a standstill that an operator would wait for
-HALF: Final = 0.25  # of a standard deviation, as a weight of the variance
+LONGER_S: Final = 60  # a standstill that an operator would accept
+HALF: Final = 0.25  # half the standard deviation, as a weight of the variance
 WORTH: Final = 0.02  # a smaller part of the error is not worth a sentence
-SHORTEST_M: Final = 0.1  # a shorter path is none
+SHORTEST_M: Final = 0.1  # a shorter path does not count as one
 STATES: Final = {
     "wheel scales": (SCALE_R, SCALE_L),
     "tread": (TREAD,),
@@ -51,9 +51,9 @@ STATES: Final = {
 
 @dataclass(frozen=True)
 class Share:
-    """Share of one group of causes in the bound, one standard deviation each; squares add up to the whole's.
+    """Share of one group of causes in the bound, one standard deviation each; squares sum to the total's.
 
-    `drift_percent` is the mean over the segments of the group's own, so that its squares do not.
+    The squares of `drift_percent` do not: it is the mean over the segments of the group's own.
     """
 
     group: str
@@ -66,7 +66,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Change:
-    """The bound if one thing were otherwise."""
+    """The bound after one change."""
 
     what: str
     position_rms_m: float
@@ -78,8 +78,8 @@ class Limit(Struct, frozen=True):
     """The bound: one standard deviation of position (both coordinates together) and heading.
 
     `position_rms_m`, `heading_rms_deg` over time; `end_m`, `end_deg` at the end; `drift_percent` of the path, over the
-    segments that KITTI's drift has; `by_length_percent` of those of 10, 20 to 80 % of it. `basis` says which noise
-    and geometry were taken as true.
+    segments of KITTI's drift; `by_length_percent` over those of 10, 20 to 80 % of it. `basis` says which noise and
+    geometry were assumed true.
     """
 
     position_rms_m: float
@@ -88,7 +88,7 @@ class Limit(Struct, frozen=True):
     end_deg: float
     drift_percent: float
     by_length_percent: list[float]
-    distance_m: float = field(name="way_m")  # as the files have it
+    distance_m: float = field(name="way_m")  # name in the files
     basis: str
     advice: str
     by_cause: list[Share]
@@ -132,7 +132,7 @@ def limit_on(drive: Drive, known: Known) -> Limit:
 
 
 def start_covariance(s: Sigmas) -> Matrix:
-    """P at the start; both headings share their error."""
+    """Initial P; both headings share their error."""
     P = np.zeros((N, N))
     P[X, X] = P[Y, Y] = s.position_m**2
     P[np.ix_([HEADING, GYRO_HEADING], [HEADING, GYRO_HEADING])] = s.heading_rad**2
@@ -144,7 +144,7 @@ def start_covariance(s: Sigmas) -> Matrix:
 
 
 def _alternatives(model: ErrorModel, base: Case, drive: Drive) -> Iterator[tuple[str, Case]]:
-    """Cases in which one thing is otherwise, with what that is. (63)"""
+    """Yield cases with one change each, and its description. (63)"""
 
     def scaled(*which: int) -> Case:
         weights = base.weights.copy()
@@ -169,7 +169,7 @@ def _alternatives(model: ErrorModel, base: Case, drive: Drive) -> Iterator[tuple
 
 
 def _share(base: Case, group: str) -> Case:
-    """The part of the base case that one group of causes brings."""
+    """Part of the base case due to one group of causes."""
     weights = np.array([w if cause.group == group else 0.0 for w, cause in zip(base.weights, CAUSES, strict=True)])
     states = [X, Y, HEADING, GYRO_HEADING] if group == "start pose" else list(STATES.get(group, ()))
     P = np.zeros((N, N))

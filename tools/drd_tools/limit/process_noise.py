@@ -1,4 +1,4 @@
-"""The filter's Q, taken apart by cause."""
+"""Filter's Q, split by cause."""
 
 from collections.abc import MutableSequence
 from typing import Any
@@ -15,7 +15,7 @@ SIZE = N * N
 
 
 class NoiseByCause(ProcessNoise):
-    """The filter's Q and, in `by_cause`, (causes, N, N), each cause's part of it."""
+    """Filter's Q and, in `by_cause`, (causes, N, N), each cause's part of it."""
 
     def __init__(self, Q: Matrix, sigmas: Sigmas):
         super().__init__(Q, sigmas)
@@ -26,7 +26,7 @@ class NoiseByCause(ProcessNoise):
         self, k: NoiseProfile, dt_s: float, travel_m: Two, turn_rad: float, c: float, s: float, bend: float, D: float,
         jitter: float,
     ) -> None:  # fmt: skip
-        """The filter's, and what the wheels' noise changes by cause. (24)"""
+        """Fill in the wheels' noise, also by cause. (24)"""
         super().fill_wheels(k, dt_s, travel_m, turn_rad, c, s, bend, D, jitter)
         q, (left_m, right_m) = self._q_causes, travel_m
         _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * right_m, 0.5, bend / D, 1.0 / D, c, s)
@@ -41,7 +41,7 @@ class NoiseByCause(ProcessNoise):
         q[causes.TREAD_WALK * SIZE + DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
 
     def fill_gyro(self, k: NoiseProfile, dt_s: float, rate_sigma: float, rate_rad_s: float) -> None:
-        """The filter's, and what the gyro's noise and the lag's walk change by cause. (26), (30)"""
+        """Fill in the gyro's noise and the lag's random walk, also by cause. (26), (30)"""
         super().fill_gyro(k, dt_s, rate_sigma, rate_rad_s)
         q = self._q_causes
         lag_walk, at = k.wheel_lag_s2_per_s * dt_s * self._estimates_lag, causes.LAG_WALK * SIZE
@@ -54,7 +54,7 @@ class NoiseByCause(ProcessNoise):
 
 
 class FilterByCause(Filter):
-    """The filter, with its Q taken apart by cause in `Q_causes`, (causes, N, N)."""
+    """Filter with its Q split by cause in `Q_causes`, (causes, N, N)."""
 
     def __init__(self, tread_m: float, sigmas: Sigmas, *args: Any, **kwargs: Any):
         super().__init__(tread_m, sigmas, *args, **kwargs)
@@ -66,7 +66,7 @@ def _pose(
     q: MutableSequence[float], cause: int, variance: float, ahead: float, left: float, turn: float, c: float, s: float,
     *, add: bool = False,
 ) -> None:  # fmt: skip
-    """Set a noise that moves the robot ahead, to its left and turns it, all together, by these per unit."""
+    """Set a noise that moves the robot `ahead` and `left` and turns it by `turn` per unit, fully correlated."""
     at, x, y = cause * SIZE, c * ahead - s * left, s * ahead + c * left
     xx, yy, hh = variance * x * x, variance * y * y, variance * turn * turn
     xy, xh, yh = variance * x * y, variance * x * turn, variance * y * turn

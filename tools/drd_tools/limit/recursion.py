@@ -1,7 +1,7 @@
-"""The covariance recursion of the bound: the filter's own F, Q and R along a known drive, for many cases at once. (61)
+"""Covariance recursion of the bound: the filter's own F, Q and R along a known drive, for many cases at once. (61)
 
-A case is a weight for each cause's noise and a covariance at the start. Each case has its own optimal gains; beside it,
-with these gains, go the errors counted from later poses on the way, and the shares of the groups of causes.
+A case is a weight for each cause's noise and an initial covariance. Each case has its own optimal gains, which also
+propagate the errors relative to later poses of the drive, and the shares of the groups of causes.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive
 from drd_tools.limit.process_noise import FilterByCause
 
-# KITTI's segments: of a tenth to eight tenths of the path, from starts a tenth apart.
+# KITTI's segments: a tenth to eight tenths of the path long, with starts a tenth apart.
 TENTHS: Final = 10
 LONGEST: Final = 8
 KNOWN: Final = Sigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class ErrorModel(FilterByCause):
-    """The filter as a source of F and of Q by cause, linearised along the true drive."""
+    """Filter as a source of F and of Q by cause, linearised along the true drive."""
 
     def __init__(self, drive: Drive, noise: NoiseProfile, sigmas: Sigmas):
         super().__init__(drive.tread_m, sigmas, noise, along_gyro=drive.gyro_hz > 0.0)
@@ -33,7 +33,7 @@ class ErrorModel(FilterByCause):
         self.pose = [X, Y, self.pose_heading]
 
     def step(self, block: Block) -> None:
-        """Set F and Q to those of a block. P has no meaning here."""
+        """Set F and Q to those of a block. P is meaningless here."""
         half = 0.5 * block.turn_rad * self.nominal.tread_m
         distance_m = 0.5 * (block.left_m + block.right_m)
         left_m, right_m = (0.0, 0.0) if block.is_rest else (distance_m - half, distance_m + half)
@@ -56,7 +56,7 @@ class ErrorModel(FilterByCause):
 
 @dataclass(frozen=True)
 class Case:
-    """Weights of the causes' variances (causes,), and the covariance at the start (N, N)."""
+    """Weights of the causes' variances (causes,), and the initial covariance (N, N)."""
 
     weights: Array
     P: Matrix
@@ -64,10 +64,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Spread:
-    """Result of the recursion, of each followed covariance e, errors counted from its start.
+    """Result of the recursion for each covariance e, with errors relative to its start.
 
     `position_m2`, `heading_rad2`: means over time, shape (e,); `end` (e, 3, 3); `drift` (e,): mean over the segments
-    of the standard deviation per length; `by_length` (e, 8): the same by the segments' length, in tenths of the path.
+    of the standard deviation per length; `by_length` (e, 8): the same by length of the segments, in tenths of the path.
     """
 
     position_m2: Array
@@ -78,7 +78,7 @@ class Spread:
 
 
 def spreads(model: ErrorModel, drive: Drive, cases: list[Case], shares: list[Case]) -> tuple[Spread, Spread]:
-    """Run the recursion for all cases, and for shares of the first one: weights and starts that add up to its own."""
+    """Run the recursion for all cases, and for shares of the first one, whose weights and starts sum to its own."""
     batch = _Batch(model, cases, shares, drive.distance_m)
     distance_m = time_s = 0.0
     for block in drive.blocks:
@@ -108,13 +108,13 @@ class _Batch:
         self._drift, self._segments = np.zeros((len(every), LONGEST)), np.zeros(LONGEST)
 
     def predict(self, F: Matrix, Q: Matrix) -> None:
-        """Go one block on. (16)"""
+        """Predict over one block. (16)"""
         self._move(F)
         busy = np.flatnonzero(Q.any(axis=(1, 2)))
         self.P += np.tensordot(self._weights[:, busy], Q[busy], 1)[:, None]
 
     def update(self, R: Array) -> None:
-        """Update each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
+        """Update each case with its own gain, shares and later starts with that of their case. (19), (58)"""
         P, R_each = self.P, self._weights @ R
         HP = P[..., HEADING, :] - P[..., GYRO_HEADING, :]
         HPH = HP[..., HEADING] - HP[..., GYRO_HEADING]
@@ -126,12 +126,12 @@ class _Batch:
         P += (HPH + R_each[:, None])[..., None, None] * (K[:, :, None] * K[:, None, :])[:, None]
 
     def anchor(self) -> None:
-        """Set the gyro's heading to the wheels', where there is no gyro. (35)"""
+        """Set the gyro's heading to the wheels', without a gyro. (35)"""
         self.P[..., GYRO_HEADING, :] = self.P[..., HEADING, :]
         self.P[..., :, GYRO_HEADING] = self.P[..., :, HEADING]
 
     def watch(self, distance_m: float, dt_s: float) -> None:
-        """Add a block to the means over time and, where a tenth of the path ends, to the segments."""
+        """Add a block to the means over time and, at the end of a tenth of the path, to the segments."""
         diagonal = self.P[:, 0, self._pose, self._pose]
         self._position += (diagonal[:, 0] + diagonal[:, 1]) * dt_s
         self._heading2 += diagonal[:, 2] * dt_s
@@ -146,7 +146,7 @@ class _Batch:
                 self._rebase(self._passed)
 
     def _rebase(self, start: int) -> None:
-        """Let errors of this start count from the pose of this moment. (59)"""
+        """Make errors of this start relative to the present pose. (59)"""
         T = np.eye(N)
         T[self._pose] = 0.0
         other = GYRO_HEADING if self._heading == HEADING else HEADING
@@ -168,7 +168,7 @@ class _Batch:
 
 
 def standing(model: ErrorModel, case: Case, gyro_hz: float, seconds: int) -> Matrix:
-    """The case's covariance at the start after a longer standstill: pose as known as before, bias better. (63)"""
+    """Initial covariance of a case after a longer standstill: the same for the pose, smaller for the bias. (63)"""
     drive = Drive([Block(1.0, 0.0, 0.0, 0.0)] * seconds, model.nominal.tread_m, gyro_hz, model.noise, 0.0)
     still = ErrorModel(drive, model.noise, KNOWN)
     batch = _Batch(still, [case], [], 0.0)

@@ -1,4 +1,4 @@
-"""The bound as sentences and table rows, for the terminal and the page."""
+"""Bound as sentences and table rows, for the terminal and the page."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -10,7 +10,7 @@ _CHANGES_HEADER: Final = ("if there were", "rms / m", "rms / deg", "drift / %")
 
 
 def sentences(limit: Limit) -> Iterator[str]:
-    """The bound, and what would lower it most."""
+    """Sentences on the bound, and on what would lower it most."""
     yield (
         f"Limit (smallest error that any estimator could achieve on the whole recording, 1 sigma; {limit.basis}): "
         f"{limit.position_rms_m:.2g} m and {limit.heading_rms_deg:.2g} deg rms, {limit.end_m:.2g} m and "
@@ -20,7 +20,7 @@ def sentences(limit: Limit) -> Iterator[str]:
 
 
 def tables(limit: Limit) -> Iterator[tuple[Sequence[str], list[list[str]], str]]:
-    """Header, rows and caption: the bound by cause, largest first, then the whole; and what would change it."""
+    """Yield header, rows and caption: the bound by cause, largest first, then the total; and after each change."""
     causes = sorted(limit.by_cause, key=lambda s: -s.position_rms_m)
     rows = [(s.group, s.position_rms_m, s.heading_rms_deg, s.end_m, s.end_deg, s.drift_percent) for s in causes]
     whole = limit.position_rms_m, limit.heading_rms_deg, limit.end_m, limit.end_deg, limit.drift_percent
