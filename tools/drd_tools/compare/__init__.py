@@ -1,1 +1,1 @@
-"""Simulated against recorded sensor increments, before anyone names a cause."""
+"""Compare recorded with simulated sensor increments, without assuming a cause."""

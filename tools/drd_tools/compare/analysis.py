@@ -1,4 +1,4 @@
-"""From a recording to the comparison of its increments with the nominal model's."""
+"""Compare a recording's increments with those of the nominal model."""
 
 from typing import Final
 
@@ -30,15 +30,15 @@ from drd_tools.diagnose.observe.evidence import Evidence, gather
 from drd_tools.recordings.folder import Recording
 
 P_NAMED: Final = 0.01
-# Data sheets may be wrong by 30 %, and noise has tails: only a ratio surely above this is more than noise.
+# Datasheets may be off by 30 %, and noise has tails: only a ratio significantly above this is more than noise.
 TOLERATED: Final = 1.5
 SURE: Final = 0.999
-SIGMAS: Final = 4.0  # of a constant mismatch
+SIGMAS: Final = 4.0  # for a constant mismatch
 FEWEST_BLOCKS: Final = 12  # for any statement on covariates
 
 
 def compare(recording: Recording, seed: int = 0) -> Comparison:
-    """Compare. Raises ConfigError where there is nothing to compare with."""
+    """Compare a recording with its model. Raises ConfigError if there is nothing to compare with."""
     e = gather(recording)
     kinds = kinds_of(e)
     if not kinds:
@@ -112,7 +112,7 @@ def _bias(e: Evidence, still: Standstill) -> str:
 
 
 def _noise_table(e: Evidence, nominal: Robot) -> list[list[str]]:
-    """Name, value with unit, and whether robot.yaml states it."""
+    """Rows of the noise: name, value with unit, and whether robot.yaml states it."""
     sheet, bias_walk_stated = e.datasheet, nominal.gyro_bias_random_walk_deg_per_h_per_sqrt_h
     walk = sheet.walk_rad_per_sqrt_s / RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     bias_walk = sheet.bias_walk_rad_s_per_sqrt_s / RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H

@@ -1,4 +1,4 @@
-"""Steps added up to blocks of time."""
+"""Sum steps to blocks of time."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,15 +10,15 @@ from drd.arrays import Array
 from drd_tools.diagnose.observe.evidence import Evidence
 
 SHORTEST_S: Final = 2.0
-USUAL: Final = 120  # blocks in a recording, where it is long enough
+USUAL: Final = 120  # blocks in a recording that is long enough
 MOST: Final = 400
-LONGEST_S: Final = 20.0  # unless the recording is so long that there are MOST
-FEWEST: Final = 4  # however sparse the reference is
+LONGEST_S: Final = 20.0  # unless that gives more than MOST blocks
+FEWEST: Final = 4  # even with a sparse reference
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """`index` (n,): the block of each step. `duration_s`, `time_s` (b,): how long each is, and its middle."""
+    """Blocks of steps. `index` (n,): block of each step. `duration_s`, `time_s` (b,): duration and middle of each."""
 
     length_s: float
     index: npt.NDArray[np.intp]
@@ -26,7 +26,7 @@ class Blocks:
     time_s: Array
 
     def sums(self, steps: Array) -> Array:
-        """Of (n,) increments or (n, k): (b,) or (b, k)."""
+        """Sum increments (n,) or (n, k) by block: (b,) or (b, k)."""
         found = np.zeros((len(self.duration_s), *steps.shape[1:]))
         np.add.at(found, self.index, steps)
         return found
@@ -38,9 +38,8 @@ class Blocks:
 
 
 def cut(e: Evidence) -> Blocks:
-    """Equal blocks, as long as the reference's interval at least; a rest of less than half a block belongs to the last.
-
-    Gaps make blocks shorter.
+    """Cut into equal blocks, at least as long as the reference's interval; a remainder of less than half a block joins
+    the last one. Gaps make blocks shorter.
     """
     begin = float(e.time_s[0] - e.step_s[0])
     whole = float(e.time_s[-1]) - begin

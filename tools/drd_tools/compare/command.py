@@ -1,4 +1,4 @@
-"""`drd compare`: what the sensors said against what the nominal model says that they should have said."""
+"""`drd compare`: recorded sensor increments against those of the nominal model."""
 
 import argparse
 from pathlib import Path
@@ -57,7 +57,7 @@ def main(argv: list[str]) -> int:
 
 def _read(path: Path, replacing: Path | None) -> Recording:
     recording = read(path)
-    assert recording.encoders  # raises where there are none
+    assert recording.encoders  # raises if there are none
     return recording if replacing is None else with_model(recording, replacing)
 
 

@@ -1,4 +1,4 @@
-"""The variables that a mismatch may go with, and curves of them that blocks can be fitted by."""
+"""Covariates on which a mismatch may depend, and the design matrices of curves over them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from drd_tools.diagnose.observe.evidence import Evidence
 
 MOST_KNOTS: Final = 9
 BLOCKS_PER_KNOT: Final = 6
-MOST_TIME_KNOTS: Final = 18  # an interval of time is narrower than what a speed or a temperature does
+MOST_TIME_KNOTS: Final = 18  # events in time are narrower than dependences on speed or temperature
 BLOCKS_PER_TIME_KNOT: Final = 5
 FEWEST_KNOTS: Final = 3
 TURN_DEG: Final = 360.0
 ACCELERATION_SMOOTHING_S: Final = 0.3
-# Below such a spread a covariate has not moved.
+# Spread below which a covariate counts as constant.
 SMALLEST: Final = {"temperature": 0.3, "speed": 0.02, "yaw rate": 0.5}
 
 
 @dataclass(frozen=True)
 class Covariate:
-    """`knots` (k,), or (k, 2) of the place. `design` (b, k): the share of each block's time at each knot.
+    """A covariate. `knots` (k,), or (k, 2) for the place. `design` (b, k): share of each block's time at each knot.
 
-    A mismatch that is a curve of the covariate, with values c at the knots and lines between, has the block means
+    A mismatch that is a piecewise linear curve of the covariate, with values c at the knots, has the block means
     `design @ c`.
     """
 
@@ -41,7 +41,7 @@ class Covariate:
 
 
 def covariates_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
-    """Those that move in this recording."""
+    """Covariates that vary in this recording."""
     motion = motion_along(e, path)
     typical_s = float(np.median(e.step_s)) / SUB
     rate = gaussian_filter1d(motion.rate_rad_s, ACCELERATION_SMOOTHING_S / typical_s)
@@ -86,14 +86,14 @@ def _hat_design(design: Callable[[Array], Array], value: Array, is_circle: bool,
 
 
 def _hats(value: Array, knots: Array, is_circle: bool) -> Array:
-    """Functions that are 1 at a knot and fall to 0 at its neighbours; they add up to 1. (n, k)"""
+    """Hat functions (n, k): 1 at a knot, 0 at its neighbours, with sum 1."""
     eye = np.eye(len(knots))
     period = TURN_DEG if is_circle else None
     return np.column_stack([np.interp(value, knots, row, period=period) for row in eye])
 
 
 def _kept(knots: Array, design: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Without knots at which the robot was for less than a block in all."""
+    """Drop knots at which the robot spent less than a block in total."""
     while True:
         shares = design(knots)
         total = shares.sum(axis=0)
@@ -104,7 +104,7 @@ def _kept(knots: Array, design: Callable[[Array], Array]) -> tuple[Array, Array]
 
 
 def _places(x: Array, y: Array, count: int, design: Callable[[Array], Array]) -> Covariate | None:
-    """Bells on a square grid over the area, that add up to 1."""
+    """Bell functions on a square grid over the area, with sum 1."""
     width, height = float(np.ptp(x)), float(np.ptp(y))
     if max(width, height) <= 0.0:
         return None

@@ -1,4 +1,4 @@
-"""What the sensors said, less what the nominal model says that they should have said: steps of each channel."""
+"""Recorded minus simulated sensor increments of each channel, step by step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from drd_tools.diagnose.error_model.path import Path, within_steps
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities
 from drd_tools.diagnose.observe.evidence import Evidence
 
-# What a reference may do without anything missing in the robot: prior sigmas, as the diagnosis has them.
+# Errors of a reference that are no fault of the robot: prior sigmas, as in the diagnosis.
 LATENCY_S: Final = 0.010
 YAW_DEG: Final = 2.0
 SIDEWAYS_M: Final = 0.05
@@ -23,7 +23,7 @@ SIDEWAYS_M: Final = 0.05
 
 @dataclass(frozen=True)
 class Kind:
-    """A channel. `angle`: its increments are rad, else m. `reference`, `gyro`: what it needs."""
+    """A channel. `angle`: its increments are rad, else m. `reference`, `gyro`: whether it needs one."""
 
     id: str
     title: str
@@ -45,21 +45,21 @@ KINDS: Final = (
 
 
 def kinds_of(e: Evidence) -> list[Kind]:
-    """The channels that a recording has."""
+    """Channels that a recording has."""
     has_gyro, has_reference = e.gyro_rad is not None, len(e.fix) > 1
     return [k for k in KINDS if (has_gyro or not k.gyro) and (has_reference or not k.reference)]
 
 
 @dataclass(frozen=True)
 class Standstill:
-    """The gyro's bias that the standstill at the start shows, and for how long it was seen; 0 and 0: there is none."""
+    """Gyro bias measured in the standstill at the start, and the time of the measurement; 0 and 0 if there is none."""
 
     bias_rad_s: float
     seen_s: float
 
 
 def standstill(e: Evidence, effects_rad: Array | float = 0.0) -> Standstill:
-    """As the estimator takes it, once. `effects_rad` (n,): what the model adds to the gyro's increments."""
+    """Measure the bias once, as the estimator does. `effects_rad` (n,): the model's part of the gyro's increments."""
     if e.gyro_rad is None:
         return Standstill(0.0, 0.0)
     still = e.travel_m == 0.0
@@ -72,7 +72,7 @@ def standstill(e: Evidence, effects_rad: Array | float = 0.0) -> Standstill:
 
 
 def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Sensitivity:
-    """What a model's effects add to the increments along the path."""
+    """Increments that a model's effects add along the path."""
     if not terms:
         return Sensitivity()
     sensitivities = Sensitivities.on(e, path)
@@ -90,7 +90,7 @@ def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Sensitivity:
 
 
 def mismatches(e: Evidence, path: Path, model: Sensitivity, bias_rad_s: float) -> dict[str, Array]:
-    """Recorded less simulated increments of each channel, (n,) each, rad or m. (65)"""
+    """Recorded minus simulated increments of each channel, (n,) each, rad or m. (65)"""
     forward, sideways, turn = path.steps()
     half = 0.5 * e.tread_m
     shorter, aside = within_steps(e, turn)
@@ -111,7 +111,7 @@ def mismatches(e: Evidence, path: Path, model: Sensitivity, bias_rad_s: float) -
 
 
 def white(e: Evidence) -> dict[str, Array]:
-    """Variance that the data sheets give each channel's increments, (n,) each; the reference's is not in it."""
+    """Variance of each channel's increments by the datasheets, (n,) each, without the reference's."""
     sheet, D = e.datasheet, e.tread_m
     slip2 = sheet.slip_m_per_sqrt_m**2
     found = {
@@ -129,7 +129,7 @@ def white(e: Evidence) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class ReferenceError:
-    """`sigma`: its prior, in `unit`."""
+    """An error of the reference. `sigma`: its prior, in `unit`."""
 
     name: str
     sigma: float
@@ -142,7 +142,7 @@ DISPLACED: Final = ReferenceError("displaced to the left", 100.0 * SIDEWAYS_M, "
 
 
 def reference_errors(e: Evidence, path: Path) -> dict[str, list[tuple[ReferenceError, Array]]]:
-    """What a reference that is late, turned or displaced does to the increments, (n,) each, at one sigma of each."""
+    """Changes of the increments, (n,) each, by one sigma of the reference's lag, rotation and displacement."""
     if not len(e.fix):
         return {}
     forward, _, turn = path.steps()
@@ -160,7 +160,7 @@ def reference_errors(e: Evidence, path: Path) -> dict[str, list[tuple[ReferenceE
 
 
 def _change(travel: Array, step_s: Array) -> Array:
-    """Change of the rate over each step, (n,), the rate at an edge being the mean of both neighbours'."""
+    """Change of the rate over each step, (n,); the rate at an edge is the mean of both neighbours'."""
     rate = travel / step_s
     edges = np.concatenate([rate[:1], 0.5 * (rate[1:] + rate[:-1]), rate[-1:]])
     return np.diff(edges)

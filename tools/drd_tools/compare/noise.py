@@ -1,4 +1,4 @@
-"""What noise alone does to each channel: nominal recordings, simulated along the same path and treated alike. (65)"""
+"""Effect of noise alone on each channel: nominal recordings, simulated along the same path, treated alike. (65)"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,18 +17,18 @@ from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
 
-BLOCKS_WANTED: Final = 480  # in all draws together: sigmas are then known to about 3 %
+BLOCKS_WANTED: Final = 480  # in all draws together: gives sigmas to about 3 %
 FEWEST_DRAWS: Final = 4
 MOST_DRAWS: Final = 12
 LAGS: Final = 24
-LEAST: Final = 0.3  # of the median sigma in motion: no block counts for more than ten
+LEAST: Final = 0.3  # of the median sigma in motion: no block outweighs about ten others
 
 
 class Expected:
-    """What noise, and a reference that is late, turned or displaced, make of a channel's block means.
+    """Expected covariance of a channel's block means, by noise and by a late, turned or displaced reference.
 
-    `noise` (b, b): covariance by noise alone. `reference` (b, k): what one sigma of each error of the reference does.
-    `independent`: as many independent blocks would tell as much of the noise's size.
+    `noise` (b, b): covariance by noise alone. `reference` (b, k): effect of one sigma of each error of the reference.
+    `independent`: effective number of independent blocks for the size of the noise.
     """
 
     def __init__(self, noise: Array, reference: Array, independent: float):
@@ -36,17 +36,17 @@ class Expected:
         self._L = cholesky(noise + reference @ reference.T, lower=True)
 
     def whiten(self, rows: Array) -> Array:
-        """L^-1 rows, L L^T the whole covariance: what blocks before do not predict of each, in sigmas."""
+        """Whiten: L^-1 rows, L L^T the whole covariance; the part of each block that earlier ones do not predict."""
         return np.asarray(solve_triangular(self._L, rows, lower=True))
 
     def fit_reference(self, means: Array) -> tuple[Array, Array]:
-        """The reference's errors (k,) that block means (b,) tell, in sigmas of their priors, and covariance (k, k)."""
+        """Estimate the reference's errors (k,) from block means (b,), in prior sigmas, with covariance (k, k)."""
         N = self.whiten(self.reference)
         return N.T @ self.whiten(means), np.eye(N.shape[1]) - N.T @ N
 
 
 def expected(e: Evidence, path: Path, blocks: Blocks, still: Standstill, seed: int = 0) -> dict[str, Expected]:
-    """For each channel of the recording."""
+    """Expected covariance of each channel of the recording."""
     count = int(np.clip(BLOCKS_WANTED // len(blocks.time_s), FEWEST_DRAWS, MOST_DRAWS))
     rng = np.random.default_rng(seed)
     names = [kind.id for kind in kinds_of(e)]
@@ -75,7 +75,7 @@ def _simulated(e: Evidence, path: Path, rng: np.random.Generator, count: int) ->
 
 
 def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
-    """A recording of the nominal robot on this path, with the noise that its data sheets state and no gyro bias."""
+    """Simulate the nominal robot on this path, with the noise of its datasheets and no gyro bias."""
     sheet, n = e.datasheet, len(e.time_s)
     moves = e.travel_m > 0.0
     forward, _, turn = path.steps()
@@ -90,7 +90,7 @@ def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
     wheels = []
     for travel, recorded in ((forward - half * turn, e.left_m), (forward + half * turn, e.right_m)):
         slip = sheet.slip_m_per_sqrt_m * np.sqrt(np.abs(recorded)) * rng.standard_normal(n)
-        # A counter's reading is off by up to half a count, until it moves again.
+        # A counter's reading is off by up to half a count until it changes again.
         off = sheet.count_m * rng.uniform(-0.5, 0.5, n + 1)
         newest = np.concatenate([[0], np.maximum.accumulate(np.where(moves, np.arange(1, n + 1), 0))])
         wheels.append(travel + slip + np.diff(off[newest]))
@@ -102,9 +102,9 @@ def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
 
 
 def _fast(draws: Array, q: Array) -> Array:
-    """Covariance (b, b) from draws (k, b): each block's variance is a share of its own `q` (b,) and a constant.
+    """Covariance (b, b) from draws (k, b): each block's variance is a multiple of its `q` (b,) plus a constant.
 
-    The correlation depends on the distance of two blocks only; a Bartlett window keeps it positive definite.
+    The correlation depends only on the distance of two blocks; a Bartlett window keeps it positive definite.
     """
     count, n = draws.shape
     variance = np.mean(draws**2, axis=0)
@@ -114,7 +114,7 @@ def _fast(draws: Array, q: Array) -> Array:
     weight = 1.0 / (variance + scale)
     share, _ = nnls(np.column_stack([q, np.full(n, scale)]) * weight[:, None], variance * weight)
     sigma = np.sqrt(share[0] * q + share[1] * scale)
-    # Wheels that stand are exact; trusted as such, they would outweigh all blocks in which something happens.
+    # Wheels at rest are exact; trusted as such, they would outweigh all blocks with motion.
     moves = q > 0.0 if q.any() else np.ones(n, bool)
     sigma = np.maximum(sigma, LEAST * float(np.median(sigma[moves])))
     sigma = np.maximum(sigma, 1e-3 * scale**0.5)
@@ -129,7 +129,7 @@ def _fast(draws: Array, q: Array) -> Array:
 
 
 def _slow(e: Evidence, blocks: Blocks, still: Standstill) -> Array:
-    """The gyro's bias: how badly the standstill told it, and its random walk from there on."""
+    """Covariance by the gyro bias: its uncertainty after the standstill, and its random walk from there on."""
     sheet = e.datasheet
     variance = sheet.walk_rad_per_sqrt_s**2 / still.seen_s if still.seen_s > 0.0 else sheet.bias_rad_s**2
     since = np.maximum(blocks.time_s - float(e.time_s[0]) - 0.5 * still.seen_s, 0.0)

@@ -1,4 +1,4 @@
-"""Pictures of a comparison: an overview, and for each channel its mismatch over time, by covariate, and on the map."""
+"""Pictures of a comparison: an overview, and each channel's mismatch over time, by covariate, and on the map."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -13,11 +13,11 @@ from drd_tools.report.style import BLUE, BOUND, GREY, INK, MAP, SKY, TRUE_GREY, 
 
 SHARES: Final = LinearSegmentedColormap.from_list("share", ("white", SKY, BLUE))
 COLUMNS: Final = 4
-ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: a jump of the reference would flatten all else
+ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must show: a jump of the reference would flatten all else
 
 
 def overview_picture(file: Path, c: Comparison) -> None:
-    """How far each channel is beyond noise, and which covariate predicts it. Raises OSError."""
+    """Draw how far each channel exceeds noise, and which covariate predicts it. Raises OSError."""
     names = [n for n in COVARIATES if any(d.name == n for ch in c.channels for d in ch.covariates)]
     with picture(file, 11.0, 1.7 + 0.46 * len(c.channels)) as figure:
         ratios = (1.0, 2.7) if names else (1.0,)
@@ -59,7 +59,7 @@ def _ratios(axes: Any, c: Comparison) -> None:
 
 
 def channel_picture(file: Path, c: Comparison, ch: ChannelResult) -> None:
-    """One channel: blocks and their sum over time, curves of the covariates, and the map. Raises OSError."""
+    """Draw one channel: blocks and their sum over time, curves of the covariates, and the map. Raises OSError."""
     covariates = [d for n in COVARIATES if n != "place" for d in ch.covariates if d.name == n]
     count = -(-(len(covariates) + 1) // COLUMNS) if covariates else 0
     with picture(file, 11.0, 3.5 + 2.9 * count) as figure:
@@ -126,7 +126,7 @@ def _zoom(axes: Any, values: Array, least: float) -> None:
 
 
 def _limits(ch: ChannelResult, covariates: list[CovariateResult]) -> tuple[float, float]:
-    """Common limits, that a poorly known end of a curve does not spoil."""
+    """Common limits, which ignore poorly determined ends of curves."""
     factor = rate(ch)[0]
     value, sigma, noise = (
         factor * np.concatenate([getattr(d, name) for d in covariates]) for name in ("value", "sigma", "noise_sigma")

@@ -1,4 +1,4 @@
-"""From a saved comparison to the terminal, the pictures and the HTML page."""
+"""Terminal output, pictures and HTML page from a saved comparison."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from drd_tools.report.terminal import print_table
 
 
 def print_comparison(c: Comparison) -> None:
-    """Sentences and tables."""
+    """Print sentences and tables."""
     print(*text.lead(c), "", sep="\n")
     print_table(text.HEADER, text.rows(c), {0, *text.TEXT_COLUMNS})
     print()
@@ -28,7 +28,7 @@ def print_comparison(c: Comparison) -> None:
 
 
 def assumed(c: Comparison) -> str:
-    """Which figures of the noise are not the robot's own."""
+    """Sentence on the noise figures that are assumed, not stated by robot.yaml."""
     names = [name for name, _, source in c.noise if source.startswith("assumed")]
     if not names:
         return ""

@@ -1,4 +1,4 @@
-"""What `drd compare` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
+"""Results of `drd compare`: computed once, saved as JSON, then reported and drawn any number of times."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -10,10 +10,10 @@ from drd_tools.report.saved import Saved
 
 @dataclass(frozen=True)
 class CovariateResult:
-    """How a channel's mismatch goes with a covariate.
+    """Dependence of a channel's mismatch on a covariate.
 
     `share`, `p`, `left` and `as_good` as in `shares.Share`. `knots` and the curve's values there (deg/s or m/s), their
-    sigmas by the scatter and by noise alone; of the place the knots are [x_m, y_m].
+    sigmas by the scatter and by noise alone; knots of the place are [x_m, y_m].
     """
 
     name: str
@@ -29,12 +29,12 @@ class CovariateResult:
 
 
 class ChannelResult(Struct, frozen=True):
-    """One channel: block means in deg/s or m/s, sums in deg or m, each with what noise alone would make of it.
+    """One channel: block means in deg/s or m/s, sums in deg or m, each with its sigma by noise alone.
 
-    `rms` of the block means and what is expected of it; `ratio`: their rms in sigmas, correlation accounted for.
-    `independent`: as many independent blocks would tell as much of the noise's size. `verdict`: nothing, driver (then
-    `named` holds the best covariates, the first one the best) or more (than noise, and no covariate predicts it).
-    `reference`: errors of the reference that were fitted to this channel and taken off, as name, value, sigma and unit.
+    `rms` of the block means and its `expected` value; `ratio`: their rms in sigmas, allowing for correlation.
+    `independent`: effective number of independent blocks for the size of the noise. `verdict`: nothing, driver (then
+    `named` has the best covariates, the best one first) or more (than noise, and no covariate predicts it).
+    `reference`: errors of the reference fitted to this channel and subtracted, as name, value, sigma and unit.
     """
 
     id: str
@@ -59,13 +59,13 @@ class ChannelResult(Struct, frozen=True):
     sum_sigma: list[float]
 
     def covariate(self, name: str) -> CovariateResult:
-        """One of its covariates."""
+        """Result for one covariate."""
         return next(d for d in self.covariates if d.name == name)
 
 
 @dataclass(frozen=True)
 class Comparison(Saved):
-    """All channels, the one furthest beyond noise first. Blocks have a middle time, a duration and a place."""
+    """All channels, the one that most exceeds noise first. Blocks have a middle time, a duration and a place."""
 
     FORMAT: ClassVar = "drd-comparison/1"
     COMMAND: ClassVar = "drd compare"

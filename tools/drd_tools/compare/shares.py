@@ -1,4 +1,4 @@
-"""How much of a mismatch a curve of a covariate predicts in blocks that it was not fitted to. (66)"""
+"""Share of a mismatch that a curve over a covariate predicts in held-out blocks. (66)"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from drd_tools.compare.noise import Expected
 
 FOLDS: Final = 20
 FLIPS: Final = 1999
-WIDTHS: Final = (0.1, 0.3, 1.0, 3.0)  # prior of a curve about its mean, in the mismatch's rms; the best one counts
+WIDTHS: Final = (0.1, 0.3, 1.0, 3.0)  # prior sigma of a curve about its mean, in the mismatch's rms; the best counts
 
 
 @dataclass(frozen=True)
 class Whitened:
-    """A channel's block means `y` (b,) in sigmas, and the column (b,) of a constant mismatch."""
+    """Whitened block means `y` (b,) of a channel, in sigmas, and the column (b,) of a constant mismatch."""
 
     y: Array
     one: Array
@@ -27,28 +27,28 @@ class Whitened:
 
     @property
     def mean(self) -> tuple[float, float]:
-        """The constant mismatch and its standard deviation, rad/s or m/s."""
+        """Constant mismatch and its standard deviation, rad/s or m/s."""
         information = float(self.one @ self.one)
         return float(self.one @ self.y) / information, information**-0.5
 
     def about_mean(self) -> Array:
-        """`y` less the constant mismatch, (b,)."""
+        """`y` minus the constant mismatch, (b,)."""
         return np.asarray(self.y - self.mean[0] * self.one)
 
 
 def whitened(means: Array, expected: Expected) -> Whitened:
-    """From block means (b,)."""
+    """Whiten block means (b,)."""
     both = expected.whiten(np.column_stack([means, np.ones(len(means))]))
     return Whitened(both[:, 0], both[:, 1], expected, float(np.sqrt(np.mean(means**2))))
 
 
 def _columns(w: Whitened, covariate: Covariate | None) -> Array:
-    """Columns (b, 1 + k) of a constant and of a curve's knots."""
+    """Columns (b, 1 + k) of a constant and of the knots of a curve."""
     return w.one[:, None] if covariate is None else np.column_stack([w.one, w.expected.whiten(covariate.design)])
 
 
 def _ridge(w: Whitened, columns: Array, width: float) -> Array:
-    """Penalties (1 + k, 1 + k) of squared coefficients: a curve is `width` times the mismatch's rms about its mean."""
+    """Ridge penalties (1 + k, 1 + k): a curve about its mean has prior sigma `width` times the mismatch's rms."""
     size = columns.shape[1]
     penalties = np.full(size, 1.0 / (width * max(w.rms, 1e-300)) ** 2)
     penalties[0] = 1e-12 * float(w.one @ w.one)
@@ -56,7 +56,7 @@ def _ridge(w: Whitened, columns: Array, width: float) -> Array:
 
 
 def left_over(X: Array, ridge: Array) -> Array:
-    """The matrix E (b, b): `E y` is what is left of y when each fold is predicted by the others. (66)"""
+    """Matrix E (b, b): `E y` is the residual of y when each fold is predicted by the others. (66)"""
     n = len(X)
     E = np.eye(n)
     for fold in np.array_split(np.arange(n), min(FOLDS, n)):
@@ -67,7 +67,7 @@ def left_over(X: Array, ridge: Array) -> Array:
 
 @dataclass(frozen=True)
 class Curve:
-    """Mismatch at the knots (k,), rad/s or m/s; its sigma by the scatter that is left, and what noise alone makes."""
+    """Mismatch at the knots (k,), rad/s or m/s, with its sigma by the residual scatter and that by noise alone."""
 
     value: Array
     sigma: Array
@@ -75,9 +75,9 @@ class Curve:
 
 
 def curve(w: Whitened, covariate: Covariate, left: float) -> Curve:
-    """Fit to all blocks. `left`: rms of what is left, in sigmas.
+    """Fit a curve to all blocks. `left`: rms of the residual, in sigmas.
 
-    Between knots that the blocks do not tell apart the line is kept straight (prior on second differences).
+    Between knots that the blocks do not distinguish the curve is straight (prior on second differences).
     """
     X = _columns(w, covariate)
     k = X.shape[1] - 1
@@ -93,9 +93,9 @@ def curve(w: Whitened, covariate: Covariate, left: float) -> Curve:
 
 @dataclass(frozen=True)
 class Share:
-    """`share` of the squared mismatch about its mean that is predicted; `p`: how often noise does as well anywhere.
+    """Predicted `share` of the squared mismatch about its mean; `p`: probability that noise does as well anywhere.
 
-    `left`: rms of what is left, in sigmas. `as_good`: not to be told from the best covariate of the channel.
+    `left`: rms of the residual, in sigmas. `as_good`: indistinguishable from the best covariate of the channel.
     """
 
     share: float
@@ -107,8 +107,8 @@ class Share:
 def shares(
     channels: Sequence[Whitened], covariates: Sequence[Covariate], seed: int = 0, flips: int = FLIPS
 ) -> list[list[Share]]:
-    """For each channel and covariate. `p` is family-wise over all: largest shares of a channel with the signs of
-    its blocks flipped at random, times the number of channels (Bonferroni)."""
+    """Shares for each channel and covariate. `p` is family-wise over all: from the largest shares of a channel with
+    randomly flipped signs of its blocks, times the number of channels (Bonferroni)."""
     if not channels:
         return []
     n = len(channels[0].y)
@@ -133,7 +133,7 @@ def shares(
 
 
 def _squares(E: Array, columns: npt.NDArray[np.float32]) -> Array:
-    """Sums of squares of `E columns`, one for each column."""
+    """Sums of squares of `E columns`, one per column."""
     left = E.astype(np.float32) @ columns
     return np.asarray(np.einsum("ij,ij->j", left, left).astype(np.float64))
 

@@ -24,7 +24,7 @@ def _per(channel: ChannelResult, value: float) -> str:
 
 
 def _pair(value: float, sigma: float, unit: str) -> str:
-    """Value and sigma with as many digits as the sigma is worth."""
+    """Value and sigma with as many digits as the sigma justifies."""
     digits = 0
     while digits < 6 and 0.0 < abs(sigma) * 10**digits < 2.0:
         digits += 1
@@ -32,7 +32,7 @@ def _pair(value: float, sigma: float, unit: str) -> str:
 
 
 def rows(c: Comparison) -> list[tuple[str, ...]]:
-    """A row for each channel, in HEADER's columns."""
+    """Rows of HEADER, one per channel."""
     return [
         (
             ch.title,
@@ -49,7 +49,7 @@ def rows(c: Comparison) -> list[tuple[str, ...]]:
 
 
 def lead(c: Comparison) -> Iterator[str]:
-    """What was compared, and the whole in a sentence or two."""
+    """Sentences on the data compared, and a summary of the result."""
     turned = f" and {c.turn_deg:.0f} deg of turning" if c.turn_deg >= 1.0 else ""
     yield (
         f"{Path(c.recording).name}: {c.duration_s:.0f} s, {c.way_m:.1f} m{turned}. The nominal model was simulated "
@@ -77,12 +77,12 @@ def lead(c: Comparison) -> Iterator[str]:
 
 
 def is_small(ch: ChannelResult) -> bool:
-    """A covariate predicts some of it, but it is of the size that the noise was said to have."""
+    """Whether a covariate predicts part of the mismatch, which yet is no larger than the stated noise."""
     return ch.verdict == "driver" and ch.ratio < SMALL
 
 
 def sentence(ch: ChannelResult) -> str:
-    """What is to be said of one channel, without a cause."""
+    """Describe one channel in a sentence, without a cause."""
     begin = ch.title[0].upper() + ch.title[1:]
     end = f"Its sum at the end is {_pair(ch.end, ch.end_sigma, ch.unit)} (sigma of noise alone)."
     if ch.verdict == "nothing":
@@ -105,7 +105,7 @@ def sentence(ch: ChannelResult) -> str:
 
 
 def _range(ch: ChannelResult, d: CovariateResult) -> str:
-    """Where a curve is lowest and highest."""
+    """Describe where a curve is lowest and highest."""
     factor, unit = rate(ch)
     low, high = (d.value.index(f(d.value)) for f in (min, max))
 
@@ -117,12 +117,12 @@ def _range(ch: ChannelResult, d: CovariateResult) -> str:
 
 
 def reference_rows(c: Comparison) -> list[list[str]]:
-    """The reference's errors as each channel tells them."""
+    """Rows of the reference's errors as estimated from each channel."""
     return [[ch.title, name, _pair(v, s, unit)] for ch in c.channels for name, v, s, unit in ch.reference]
 
 
 def share_rows(c: Comparison) -> tuple[list[str], list[list[str]]]:
-    """Header and rows: the share of each covariate in each channel; * where noise hardly does as well."""
+    """Header and rows: the share of each covariate in each channel; * marks significant ones."""
     names = list(dict.fromkeys(d.name for ch in c.channels for d in ch.covariates))
     order = [n for n in COVARIATES if n in names]
     body = [
