@@ -1,1 +1,1 @@
-"""`make honesty`: what the estimator promises, on every drive that has a reference, beside simpler estimators."""
+"""`make honesty`: test the estimator's promises on every drive with a reference, against simpler estimators."""

@@ -1,4 +1,4 @@
-"""`make honesty`: prints the table of all drives and fails where a promise is broken."""
+"""`make honesty`: print the table of all drives, and fail if a promise is broken."""
 
 import os
 import sys
@@ -19,7 +19,7 @@ EPILOG = "Exit code: 0 all promises kept, 1 one is broken, 2 bad usage or input.
 
 
 def main(argv: list[str]) -> int:
-    """Run or read again, print, judge."""
+    """Run or read saved results, print, judge."""
     parser = command("python -m drd_tools.honesty", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--short", action="store_true", help=f"{SHORT_SEEDS} seeds a scenario, fewer real drives: for CI")

@@ -1,4 +1,4 @@
-"""What simpler estimators make of a recording, with the nominal geometry.
+"""Baselines: simpler estimators on a recording, with the nominal geometry.
 
 (a) the wheels alone; (b) the gyro's heading and the wheels' travel; (c) as (b), with the gyro's bias measured again at
 every stop.
@@ -16,11 +16,11 @@ from drd_tools.recordings.folder import Recording
 
 Mask = npt.NDArray[np.bool_]
 
-# So long before a sample and after it the wheels stand, where it counts as a stop: skidding robots rock for half of it.
+# A sample is in a stop if the wheels are at rest this long before and after it: skidding robots rock for half of it.
 STOP_S: Final = 1.0
-# A bias is used once so many samples are averaged: a second of most gyros.
+# Samples averaged before a bias is used: a second of most gyros.
 LEAST_SAMPLES: Final = 20
-# The wheels' travel between two rows that is rounding, not motion.
+# Largest travel of the wheels between two rows that is rounding, not motion.
 NO_TRAVEL_M: Final = 1e-9
 
 WHEELS, GYRO, STOPS = "a wheels", "b gyro", "c gyro, stops"
@@ -28,7 +28,7 @@ BASELINES: Final = (WHEELS, GYRO, STOPS)
 
 
 def baselines(recording: Recording) -> dict[str, Poses]:
-    """The poses of each baseline that the recording allows: without a gyro only the first."""
+    """Poses of each baseline that the recording allows: without a gyro only the first."""
     time_s, left_m, right_m = travels(recording)
     tread_m = recording.nominal.tread_m
     distance_m = 0.5 * np.diff(left_m + right_m)
@@ -44,28 +44,28 @@ def baselines(recording: Recording) -> dict[str, Poses]:
 
 
 def travels(recording: Recording) -> tuple[Array, Array, Array]:
-    """Times, and the travel of the left and the right wheel until then with the nominal radius."""
+    """Times, and cumulative travel of the left and the right wheel with the nominal radius."""
     left, right = recording.wheel_angles_rad()
     radius_m = recording.nominal.wheel_radius_m
     return recording.encoders.time_s, radius_m * left, radius_m * right
 
 
 def path(name: str, time_s: Array, distance_m: Array, heading_rad: Array) -> Poses:
-    """Poses from the travel between rows, along the heading in the middle of each; it starts at the origin."""
+    """Poses from the travel between rows, along the mean heading of each step; the path starts at the origin."""
     middle = 0.5 * (heading_rad[1:] + heading_rad[:-1])
     x_m, y_m = (np.concatenate([[0.0], np.cumsum(distance_m * part)]) for part in (np.cos(middle), np.sin(middle)))
     return Poses(name, time_s, np.column_stack([x_m, y_m, heading_rad]))
 
 
 def integral(fog: FogLog, rate_rad_s: Array) -> Array:
-    """The angle that the rates, each the mean since the row before, add up to."""
+    """Integrate rates, each the mean since the previous row, to an angle."""
     steps_s = np.diff(fog.time_s)
     first_s = float(np.median(steps_s)) if len(steps_s) else 0.0
     return np.cumsum(rate_rad_s * np.concatenate([[first_s], steps_s]))
 
 
 def stops(at_s: Array, time_s: Array, left_m: Array, right_m: Array) -> Mask:
-    """Whether the wheels stand from STOP_S before each time until STOP_S after it."""
+    """Whether the wheels are at rest from STOP_S before each time until STOP_S after it."""
     travel_m = np.abs(np.diff(left_m)) + np.abs(np.diff(right_m))
     moving_s = time_s[1:][travel_m > NO_TRAVEL_M]
     if not len(moving_s):
@@ -76,7 +76,7 @@ def stops(at_s: Array, time_s: Array, left_m: Array, right_m: Array) -> Mask:
 
 
 def stop_bias(rate_rad_s: Array, stopped: Mask) -> Array:
-    """At each sample the mean rate of the present stop so far, or of the last one; 0 before the first."""
+    """Bias at each sample: the mean rate of the present stop so far, or of the last one; 0 before the first."""
     bias = np.full(len(rate_rad_s), np.nan)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], stopped, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):

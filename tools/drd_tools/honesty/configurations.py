@@ -1,4 +1,4 @@
-"""The estimator in each of its configurations, and the limit that the sensors set."""
+"""Run the estimator in each of its configurations, and compute the limit set by the sensors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,30 +33,30 @@ WHEEL_LAG_S: Final = 0.05
 
 
 def estimated(recording: Recording, config: Path | None = None) -> Estimated:
-    """What the daemon's estimator makes of the recording, as it stands or with a piece of configuration."""
+    """Estimate a recording with the daemon's estimator, as it stands or with a piece of configuration."""
     replayed = replay_folder(recording, config)
     poses, published = poses_of(replayed, recording.name), latest(replayed.poses)
     at_s = np.array([(pose.t_ns - replayed.zero_ns) * S_PER_NS for pose in published])
     bound_m = np.interp(poses.time_s, at_s, [pose.position_bound_m for pose in published])
     valid = np.array([pose.validity is Validity.VALID for pose in published])
-    # The start, which is no pose of the daemon's, is as good as the first one.
+    # The start, which is not a pose of the daemon, is as valid as the first one.
     valid = np.concatenate([np.full(len(poses.time_s) - len(valid), valid[0]), valid])
     return Estimated(replace(poses, bound_m=bound_m), valid)
 
 
 def with_paper_profile(recording: Recording) -> Recording:
-    """The recording, to be estimated with the paper's Q and R."""
+    """Configure a recording for the paper's Q and R."""
     config = configuration(recording)
     return replace(recording, config=replace(config, estimation=replace(config.estimation, profile="paper")))
 
 
 def as_simulated(config: Config) -> Config:
-    """The configuration that states what a simulated robot is drawn from, and no noise that the simulator lacks.
+    """Configuration with the distributions from which simulated robots are drawn, without noise the simulator lacks.
 
-    Two driven wheels; white noise of the wheels' travel and of the gyro, the gyro's bias and its walk. Nothing slips in
-    turns, scales and tread keep still. The uncertainty of the stamps stays: samples are means over intervals, which a
-    lag cuts in two. The lag is that of sensors on one computer: the default's prior, of drives that hold their speeds,
-    would make the gyro late by as much, which no robot shows.
+    Two driven wheels; white noise of the wheels' travel and of the gyro, gyro bias and its random walk. Nothing slips
+    in turns, scales and tread are constant. The uncertainty of the time stamps stays: samples are means over intervals,
+    which a lag cuts in two. The lag is that of sensors on one computer: the default's prior, for drives that hold their
+    speeds, would make the gyro equally late, which no robot shows.
     """
     noise = replace(
         config.estimation.noise,
@@ -74,7 +74,7 @@ def as_simulated(config: Config) -> Config:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What `drd calibrate wheels` finds in other drives: wheels.yaml, and how the reference sits on the robot."""
+    """Result of `drd calibrate wheels` on other drives: wheels.yaml, and the mounting of the reference on the robot."""
 
     file: Path
     mounting: Mounting
@@ -90,9 +90,9 @@ def calibrate(recordings: Sequence[Recording], file: Path) -> Calibration:
 
 
 def limits(recording: Recording, drawn: Config | None = None) -> dict[str, Figures]:
-    """What the noise allows where the geometry is known; and, of a simulated robot, where it is not.
+    """Limits set by the noise with known geometry and, for a simulated robot, also with unknown geometry.
 
-    `drawn` states from which distributions the robot and its noise were drawn; None: a real one, as robot.yaml states.
+    `drawn`: distributions from which the robot and its noise were drawn; None: a real one, as robot.yaml states.
     """
     config = configuration(recording) if drawn is None else drawn
     drive = replayed_drive(recording, config)

@@ -16,15 +16,15 @@ from drd_tools.honesty.figures import Estimated, Figures, Yardstick, figures_of
 from drd_tools.honesty.results import Judged
 from drd_tools.recordings.folder import Recording, read_recording
 
-# Beside the checkout; never part of it.
+# Next to the checkout; never part of it.
 SHARED: Final = Path(__file__).resolve().parents[4] / "shared" / "recordings"
-# Each fifth of a robot's drives is judged with the wheels of the other four: of five drives each with all others'.
+# Each fifth of a robot's drives is judged with wheels calibrated on the other four; with five drives, on all others.
 FOLDS: Final = 5
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot's drives by the beginnings of their folders' names, group by group.
+    """A robot's drives, by prefixes of their folders' names, one for each group.
 
     `allowed_m`, `moving_m_s`: see `Yardstick`. `each_alone`: a group is a single drive.
     """
@@ -38,18 +38,18 @@ class Robot:
 ROBOTS: Final = {
     # Lidar ICP: jumps and a lever arm of some centimetres; at rest its rows show up to 0.1 m/s.
     "warthog": Robot(("warthog_",), 0.07, 0.1, each_alone=True),
-    # Motion capture to below a millimetre, whose first row turns the whole path: 0.1 deg over 2 m.
+    # Motion capture, better than a millimetre, but its first row turns the whole path: 0.1 deg over 2 m.
     "optiodom": Robot(("optiodom_circular", "optiodom_square", "optiodom_ivanjko"), 0.005, 0.03),
 }
 
 
 def drives_of(robot: str, shared: Path = SHARED) -> list[Path]:
-    """The robot's recording folders in the order of their kinds; none where there are no shared recordings."""
+    """List the robot's recording folders in the order of their kinds; none without the shared recordings."""
     return [folder for kind in ROBOTS[robot].kinds for folder in sorted(shared.glob(f"{kind}*")) if folder.is_dir()]
 
 
 def judge_fold(robot: str, fold: int, shared: Path = SHARED) -> list[Judged]:
-    """Each drive of the fold, with wheels that were calibrated on all others of the robot."""
+    """Judge each drive of the fold, with wheels calibrated on all drives of the robot outside it."""
     folders = drives_of(robot, shared)
     judged, others = folders[fold::FOLDS], [f for i, f in enumerate(folders) if i % FOLDS != fold]
     with tempfile.TemporaryDirectory() as place:
@@ -69,7 +69,7 @@ def _judge(robot: Robot, recording: Recording, found: c.Calibration | None) -> J
 
 
 def at_centre(reference: Reference, mounting: Mounting) -> Reference:
-    """The reference as it would show the robot's centre, looking straight ahead."""
+    """Transform the reference to the robot's centre and heading."""
     x_m, y_m, heading = reference.pose.T
     heading = heading - mounting.heading_rad
     cos, sin = np.cos(heading), np.sin(heading)
@@ -81,9 +81,9 @@ def at_centre(reference: Reference, mounting: Mounting) -> Reference:
 def all_figures(
     recording: Recording, wheels: Path | None, yardstick: Yardstick, drawn: Config | None = None
 ) -> dict[str, Figures]:
-    """Every configuration and baseline that the recording allows.
+    """Figures of every configuration and baseline that the recording allows.
 
-    `wheels`: a calibration on other drives; `drawn`: what a simulated robot was drawn from.
+    `wheels`: a calibration on other drives; `drawn`: distributions from which a simulated robot was drawn.
     """
     found = {c.DEFAULT: c.estimated(recording)}
     if wheels is not None:

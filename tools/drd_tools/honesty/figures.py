@@ -15,17 +15,17 @@ from drd_tools.evaluate.trajectory import Poses, Reference, associate, wrapped
 
 Mask = npt.NDArray[np.bool_]
 
-# Poses come every 0.05 to 0.1 s: none is missing where the estimator runs.
+# Poses come every 0.05 to 0.1 s: none is missing while the estimator runs.
 MAX_GAP_S: Final = 1.0
-# Faster than the noise of any of the references makes a robot at rest seem to turn: 0.1 deg at 20 Hz.
+# Faster than a robot at rest seems to turn by the noise of any of the references: 0.1 deg at 20 Hz.
 TURNING_RAD_S: Final = 0.06
-# On a shorter path a drift in per cent of it says nothing.
+# On a shorter path a drift in per cent of it is meaningless.
 DRIFT_FROM_M: Final = 1.0
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """Poses with, for each, whether the estimator calls it valid (None: it does not say)."""
+    """Poses, and whether the estimator declares each valid (None: it does not say)."""
 
     poses: Poses
     is_valid: Mask | None = None
@@ -33,11 +33,11 @@ class Estimated:
 
 @dataclass(frozen=True)
 class Yardstick:
-    """What an estimate is held against.
+    """Reference for an estimate, and how to compare the two.
 
-    `is_true`: simulated, so the poses are compared as they are. A real reference is late by its own amount, which is
-    searched for, and begins where it likes, so the estimate is put on its first row; `allowed_m` is for its errors.
-    Rows faster than `moving_m_s` or TURNING_RAD_S count as moving: what stands still would flatter the bound.
+    `is_true`: simulated, so the poses are compared as they are. A real reference has an unknown lag, which is
+    estimated, and an arbitrary start, so the estimate is aligned with its first row; `allowed_m` allows for its errors.
+    Rows faster than `moving_m_s` or TURNING_RAD_S count as moving: rows at rest would flatter the bound.
     """
 
     reference: Reference
@@ -48,10 +48,10 @@ class Yardstick:
 
 @dataclass(frozen=True)
 class Figures:
-    """Root mean squares and drift over all rows; what concerns the bound over the moving ones (None: no bound).
+    """Root mean squares and drift over all rows; figures of the bound over the moving ones (None: no bound).
 
     `inside`: share of the moving and valid rows whose error is inside the bound. `bound_ratio`: median bound over
-    median error. `lag_s`: how much later the reference is than the estimate.
+    median error. `lag_s`: lag of the reference behind the estimate.
     """
 
     position_rms_m: float
@@ -65,7 +65,7 @@ class Figures:
 
 
 def figures_of(estimated: Estimated, yardstick: Yardstick) -> Figures:
-    """All figures. Raises ConfigError where estimate and reference have too little in common."""
+    """Compute all figures. Raises ConfigError if estimate and reference have too little in common."""
     lag_s = 0.0 if yardstick.is_true else lag_of(estimated.poses, yardstick.reference).value_s
     pairs = associate(estimated.poses, shifted(yardstick.reference, lag_s), MAX_GAP_S)
     aligned = align(pairs, "none" if yardstick.is_true else "start")[0]

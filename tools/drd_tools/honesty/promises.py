@@ -1,4 +1,4 @@
-"""What the estimator promises and what it aims at, judged on the results."""
+"""Promises and goals of the estimator, judged on the results."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, NOMINAL_LIMIT,
 from drd_tools.honesty.figures import Figures
 from drd_tools.honesty.results import Judged, Results, together
 
-# Noise may make the best of three simple estimators a little better than a good one by luck.
+# By luck, noise may make the best of three simple estimators slightly better than a good one.
 NOT_WORSE: Final = 1.05
-# Of fewer seeds luck decides: they show that an estimate goes astray, not a tenth.
+# With fewer seeds luck decides: they show a divergent estimate, not a difference of a tenth.
 MANY_SEEDS: Final = 30
 NOT_ASTRAY: Final = 1.5
 ASTRAY_LEVEL: Final = 0.999
-# The bound is one of 99 %, and of use while it is not many times the error: a Gaussian error in one direction with a
-# known sigma has 3.03 / 0.674 = 4.5 times.
+# The bound is one of 99 %, and useful if it is not many times the error: for a Gaussian error in one direction with a
+# known sigma the ratio is 3.03 / 0.674 = 4.5.
 INSIDE: Final = 0.99
 LARGEST_RATIO: Final = 8.0
 LEVEL: Final = 0.95  # of the intervals over seeds
 POSE_DOF: Final = 3
-# Goals: what calibrated gyro odometry reached on the same drives by hand, see the shared reference.
+# Goals: errors of gyro odometry calibrated by hand on the same drives, see the shared reference.
 WARTHOG_M, WARTHOG_DEG, WARTHOG_CALIBRATED_M = 0.6, 2.5, 0.3
 CIRCULAR_M, SQUARE_M = 0.009, 0.011
 OF_THE_LIMIT: Final = 1.1
@@ -33,7 +33,7 @@ OF_THE_LIMIT: Final = 1.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """A promise or a goal about something, whether it is kept, and the figures."""
+    """A promise or a goal, whether it is kept, and the figures."""
 
     about: str
     kept: bool
@@ -70,8 +70,8 @@ def _against_best(about: str, figures: dict[str, Figures], most: float) -> Itera
 
 
 def _against_best_over_seeds(group: str, drives: Sequence[Judged]) -> Iterator[Verdict]:
-    """By root mean squares over the seeds. How sure the seeds make the ratio is told, and excuses nothing: the few
-    seeds in which an estimate goes astray make the ratio large and unsure alike.
+    """Compare root mean squares over the seeds. The ratio's uncertainty is reported, but excuses nothing: the few seeds
+    in which an estimate diverges make the ratio both large and uncertain.
     """
     names = [name for name in (DEFAULT, *BASELINES) if name in drives[0].figures]
     rows = {name: together([one.figures[name] for one in drives], "simulated") for name in names}
@@ -86,7 +86,7 @@ def _against_best_over_seeds(group: str, drives: Sequence[Judged]) -> Iterator[V
 def ratio_at_least(own: Sequence[float], other: Sequence[float]) -> float:
     """Lower end of the one-sided 95 % interval of the ratio of two root mean squares over the same seeds.
 
-    The ratio's logarithm by the jackknife, with Student's t, since luck in a few seeds moves both sums; 0 for one seed.
+    Jackknife of the ratio's logarithm, with Student's t, since luck in a few seeds moves both sums; 0 for one seed.
     """
     a, b = np.square(own), np.square(other)
     n = len(a)
@@ -98,7 +98,7 @@ def ratio_at_least(own: Sequence[float], other: Sequence[float]) -> float:
 
 
 def single_seeds_worse(drives: Sequence[Judged]) -> int:
-    """How many single drives break the promise that is judged over all of them."""
+    """Count single drives that break the promise, which is judged over all of them."""
     return sum(not verdict.kept for one in drives for verdict in _against_best("", one.figures, NOT_WORSE))
 
 
@@ -116,8 +116,8 @@ def _bound(results: Results) -> Iterator[Verdict]:
 
 
 def _of_use(about: str, f: Figures) -> Iterator[Verdict]:
-    """With a gyro a promise. Without one nothing is learned on the way: the bound is what is believed of tread and
-    wheels, whose error may by luck be small.
+    """Judge the bound's ratio to the error: a promise with a gyro. Without one nothing is learned during the drive: the
+    bound is the prior of tread and wheels, whose error may by luck be small.
     """
     if f.bound_ratio is not None:
         kept = f.bound_ratio <= LARGEST_RATIO
@@ -134,12 +134,12 @@ def nees_of(drives: Sequence[Judged], configuration: str, level: float = LEVEL) 
 
 
 def nees_limit(n: int) -> float:
-    """What the mean over n drives of a covariance that is not too small stays below, at LEVEL."""
+    """Upper limit, at LEVEL, of the mean NEES over n drives if the covariance is not too small."""
     return nees_interval(n, POSE_DOF, 2.0 * LEVEL - 1.0)[1]
 
 
 def _nees(results: Results) -> Iterator[Verdict]:
-    """Two-sided, where all physics is in the filter and the configuration states what was drawn."""
+    """Judge NEES two-sided, if the filter has all physics and the configuration states the drawn distributions."""
     for group, drives in results.groups("simulated").items():
         found = nees_of(drives, STATED, LEVEL if len(drives) >= MANY_SEEDS else ASTRAY_LEVEL)
         if found is not None:
@@ -148,7 +148,7 @@ def _nees(results: Results) -> Iterator[Verdict]:
 
 
 def goals(results: Results) -> list[Verdict]:
-    """What is aimed at; a missed one is printed and fails nothing."""
+    """All goals; a missed one is printed, but does not fail the run."""
     found: list[Verdict] = []
     warthog = [one for one in results.judged if one.drive.startswith("warthog_")]
     found += _goal("Warthog, nominal geometry", warthog, DEFAULT, WARTHOG_M, WARTHOG_DEG)
@@ -188,7 +188,7 @@ def _near_limit(group: str, drives: Sequence[Judged]) -> Iterator[Verdict]:
 
 
 def _not_overconfident(group: str, drives: Sequence[Judged]) -> Iterator[Verdict]:
-    """As the robot is configured by default, whose noise is that of worse ground: not too small is enough."""
+    """Judge NEES one-sided with the default configuration, whose noise allows for worse ground."""
     found = nees_of(drives, DEFAULT)
     if found is not None:
         most = nees_limit(found.rows)

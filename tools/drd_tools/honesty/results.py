@@ -1,4 +1,4 @@
-"""What `make honesty` keeps: the figures of each drive, as JSON."""
+"""Results of `make honesty`: the figures of each drive, as JSON."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from drd_tools.report.saved import Saved
 class Judged:
     """One drive: `world` is "real" or "simulated", `group` the row of the table to which it belongs.
 
-    `figures` by the configuration's or the baseline's name; `nees` of the pose at the end, by the configuration's.
+    `figures` by configuration or baseline; `nees` of the pose at the end, by configuration.
     """
 
     world: str
@@ -26,7 +26,7 @@ class Judged:
 
 @dataclasses.dataclass(frozen=True)
 class Results(Saved):
-    """All drives of a run. `seeds` of each scenario; `notes`: what is missing, and why."""
+    """All drives of a run. `seeds`: number per scenario; `notes`: what is missing, and why."""
 
     FORMAT: ClassVar = "drd-honesty/1"
     COMMAND: ClassVar = "make honesty"
@@ -36,7 +36,7 @@ class Results(Saved):
     notes: list[str] = dataclasses.field(default_factory=list)
 
     def groups(self, world: str) -> dict[str, list[Judged]]:
-        """The drives of a world by their groups, in the order in which they came."""
+        """Drives of a world by group, in order of their appearance."""
         found: dict[str, list[Judged]] = {}
         for one in self.judged:
             if one.world == world:
@@ -45,10 +45,10 @@ class Results(Saved):
 
 
 def together(figures: Sequence[Figures], world: str) -> Figures:
-    """One row of the table for several drives.
+    """Combine several drives to one row of the table.
 
-    Simulated: root mean squares over the seeds, since luck decides between nearly equal estimators in a single one.
-    Real: medians, since one drive that went wrong would hide all others. Shares are means over the drives.
+    Simulated: root mean squares over the seeds, since in a single one luck decides between nearly equal estimators.
+    Real: medians, since one faulty drive would hide all others. Shares are means over the drives.
     """
     middle = np.median if world == "real" else _rms
 

@@ -1,4 +1,4 @@
-"""All drives of a run, on as many processes as wanted."""
+"""Judge all drives of a run, in any number of processes."""
 
 import functools
 import importlib.util
@@ -16,9 +16,9 @@ from drd_tools.honesty.simulated import BESIDE, judge_seed
 from drd_tools.processes import called
 
 FULL_SEEDS: Final = 300
-# With one process under a minute in all.
+# Under a minute in total with one process.
 SHORT_SEEDS: Final = 4
-# So many drives of a robot are judged one by one, even in the short form.
+# Up to so many drives of a robot are all judged, even in the short form.
 FEW: Final = 5
 
 Task = Callable[[], list[Judged]]
@@ -33,7 +33,7 @@ def run(seeds: int, *, short: bool, jobs: int, shared: Path = SHARED) -> Results
 
 
 def _real(short: bool, shared: Path, notes: list[str]) -> Iterator[Task]:
-    """Each fold of each robot; in the short form one fold of a robot with many drives."""
+    """Yield a task for each fold of each robot; in the short form only one fold of a robot with many drives."""
     for robot in ROBOTS:
         drives = len(drives_of(robot, shared))
         if not drives:

@@ -1,4 +1,4 @@
-"""Simulated robots and drives: what each scenario draws by its seed."""
+"""Simulated robots and drives, drawn by seed for each scenario."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -23,18 +23,18 @@ from drd_tools.simulate.route import RATE_HZ, Steps
 from drd_tools.simulate.simulator import Simulated, simulate
 from drd_tools.simulate.truth import Truth, make_truth
 
-# Two minutes: long enough for all that is learned on the way, short enough for 300 seeds.
+# Two minutes: long enough for everything the filter learns, short enough for 300 seeds.
 SECONDS: Final = 120.0
-# Seed n drives the one at n modulo their number. Straights and bends, reversing, turns on the spot, weaving; the first
-# and the last are cut while the robot moves.
+# Seed n drives number n modulo their count. Straights and bends, reversing, turns on the spot, weaving; the first and
+# the last are cut off while the robot moves.
 MISSIONS: Final = ("square-cw", "eights", "slalom", "warehouse")
 HOUR_S: Final = 3600.0
-# Nothing that moves is slower than half of this, and errors are smooth at this rate.
+# Sensor rates are at least half of this, and errors are smooth at this rate.
 TRUTH_HZ: Final = 10
-# Seeds of the drives that a simulated robot is calibrated on begin here.
+# First seed of the drives on which a simulated robot is calibrated.
 OTHER_SEEDS: Final = 1_000_000
 CALIBRATION_DRIVES: Final = 2
-# In contact physics: bends, figures of eight, weaving, turns on the spot; after a standstill for the gyro's bias.
+# In contact physics: bends, figures of eight, weaving, turns on the spot, after a standstill for the gyro bias.
 CONTACT_MISSIONS: Final = ("square-ccw", "eights", "slalom", "umbmark-cw")
 STAND_S: Final = 10.0
 
@@ -43,11 +43,11 @@ Draw = Callable[[Random], Mapping[str, Mapping[str, float | str]]]
 
 @dataclass(frozen=True)
 class Scenario:
-    """A family of simulated drives. `draw` gives effects by their names, beyond what each robot is drawn with.
+    """A family of simulated drives. `draw`: effects by name, besides those that every robot is drawn with.
 
-    `is_modelled`: the filter knows all the physics, so its covariance has to be right, neither too small nor too large.
-    `gyro_noise`: white noise over what robot.yaml states. `stand_s`: standstill between two laps of eights.
-    `rate_hz`: of both sensors, where not robot.yaml's. `seeds_share`: of the seeds, where a drive takes long.
+    `is_modelled`: the filter models all the physics, so its covariance must be neither too small nor too large.
+    `gyro_noise`: white noise relative to that of robot.yaml. `stand_s`: standstill between two laps of eights.
+    `rate_hz`: rate of both sensors, if not robot.yaml's. `seeds_share`: share of the seeds, if a drive takes long.
     """
 
     about: str
@@ -129,7 +129,7 @@ MUJOCO: Final = "mujoco"
 
 @dataclass(frozen=True)
 class Simulation:
-    """A recording as the estimator gets it, the true path, and the mission's name."""
+    """A recording for the estimator, the true path, and the mission's name."""
 
     recording: Recording
     true: Reference
@@ -139,7 +139,7 @@ class Simulation:
 def simulation(name: str, seed: int, other: int | None = None) -> Simulation:
     """Drive a robot of the scenario `name`. The same arguments give the same bits.
 
-    `other`: a further drive of the same robot, by its number: the next mission, other noise, the same effects.
+    `other`: number of a further drive of the same robot: the next mission, other noise, the same effects.
     """
     scenario = SCENARIOS[name]
     number = seed if other is None else seed + 1 + other
@@ -173,9 +173,9 @@ def _nominal(scenario: Scenario) -> Robot:
 
 
 def prior(nominal: Robot, random: Random) -> dict[str, Mapping[str, float | str]]:
-    """A robot from the sigmas that its configuration states, as effects. The gyro's bias is drawn by the simulator.
+    """Draw a robot from the sigmas of its configuration, as effects. The gyro bias is drawn by the simulator.
 
-    A lag below zero is the gyro's.
+    A negative lag is the gyro's.
     """
     config = as_simulated(nominal_config(nominal, Fog.rate_hz, Encoders.rate_hz))
     sigma = initial_sigmas(config, estimates_gyro_scale=True)
@@ -191,7 +191,7 @@ def prior(nominal: Robot, random: Random) -> dict[str, Mapping[str, float | str]
 
 
 def _drive(scenario: Scenario, mission: str) -> Drive:
-    """The mission for SECONDS; or two laps with the scenario's standstill between them."""
+    """Drive the mission for SECONDS, or two laps with the scenario's standstill between them."""
     if not scenario.stand_s:
         return make_drive(mission, SECONDS)
     first = make_drive(mission)
@@ -202,7 +202,7 @@ def _drive(scenario: Scenario, mission: str) -> Drive:
 
 
 def true_path(simulated: Simulated) -> Reference:
-    """The true path at TRUTH_HZ, and at the end."""
+    """True path at TRUTH_HZ, and at the end."""
     truth: Truth = simulated.truth
     rows = np.unique(np.append(np.arange(0, len(truth.x_m), RATE_HZ // TRUTH_HZ), len(truth.x_m) - 1))
     pose = np.column_stack([truth.x_m, truth.y_m, truth.heading_rad])
@@ -210,7 +210,7 @@ def true_path(simulated: Simulated) -> Reference:
 
 
 def contact_simulation(seed: int) -> Simulation:
-    """A skid-steer robot in MuJoCo, its load, friction and bumps drawn. Needs the package mujoco."""
+    """Drive a skid-steer robot in MuJoCo, with random load, friction and bumps. Needs the package mujoco."""
     from drd_tools.mujoco_world import sensors, world  # noqa: PLC0415  # an optional extra
     from drd_tools.mujoco_world.ground import Ground  # noqa: PLC0415
     from drd_tools.mujoco_world.vehicle import Vehicle  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Simulated drives, judged by the truth."""
+"""Judge simulated drives by the truth."""
 
 import tempfile
 from dataclasses import replace
@@ -13,12 +13,12 @@ from drd_tools.honesty.results import Judged
 from drd_tools.honesty.scenarios import CALIBRATION_DRIVES, MUJOCO, SCENARIOS, contact_simulation, simulation
 from drd_tools.replay.nominal import configuration
 
-# The configurations beside the default are computed for so many seeds: they are there to compare, not to be judged.
+# Seeds for which configurations other than the default are computed: they are for comparison, and not judged.
 BESIDE: Final = 30
 
 
 def judge_seed(name: str, seed: int, beside: int = BESIDE) -> Judged:
-    """One drive of a scenario, or of MuJoCo's; the configurations beside the default only for seeds below `beside`."""
+    """Judge one drive of a scenario, or of MuJoCo; configurations other than the default only for seeds < `beside`."""
     if name == MUJOCO:
         return _contacts(seed)
     with tempfile.TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""The results as text."""
+"""Results as text."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -54,7 +54,7 @@ have physics that the filter does not model; their effects come on top of the ab
 
 
 def text_of(results: Results) -> str:
-    """Everything: the table, NEES, promises and goals."""
+    """Text of all results: the table, NEES, promises and goals."""
     parts = [*results.notes, HEAD, "", *columns([HEADER, *table_rows(results)], TEXT_COLUMNS, "")]
     nees = list(nees_rows(results))
     if nees:
@@ -73,7 +73,7 @@ def text_of(results: Results) -> str:
 
 
 def table_rows(results: Results) -> Iterator[list[str]]:
-    """A row for each drive, or group of drives, and configuration."""
+    """Yield a row for each drive, or group of drives, and configuration."""
     for world in ("real", "simulated"):
         for group, drives in results.groups(world).items():
             label = group
@@ -103,7 +103,7 @@ def _cell(value: float | None, digits: int) -> str:
 
 
 def nees_rows(results: Results) -> Iterator[list[str]]:
-    """A row for each scenario and configuration."""
+    """Yield a row for each scenario and configuration."""
     for group, drives in results.groups("simulated").items():
         for name in (STATED, DEFAULT):
             found = nees_of(drives, name)
