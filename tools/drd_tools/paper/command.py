@@ -1,4 +1,4 @@
-"""`drd paper`: Table II and the figures of the paper from simulation, beside the printed ones."""
+"""`drd paper`: Table II and the figures of the paper from simulation, compared with the printed ones."""
 
 import argparse
 import time
@@ -30,7 +30,7 @@ GAIN_HEADER = ("method", "paper", "ours [95 %]", "single gyros, 5 % to 95 %", "l
 
 
 def main(argv: list[str]) -> int:
-    """Exit code 0; 2 for bad usage."""
+    """Run the command. Returns the exit code: 0, or 2 for bad usage."""
     parser = command("drd paper", DESCRIPTION, EPILOG, [seed("gyros, robots and noise", 1)])
     add = parser.add_argument
     add("--output", type=Path, required=True, metavar="DIR", help="folder for report.html and pictures")

@@ -24,7 +24,7 @@ from drd_tools.processes import pool_of
 from drd_tools.shipped import shipped_config
 from drd_tools.simulate.truth import Truth
 
-# Each with fewer gyros and one run each way: enough to see which way the filter's share moves.
+# Each with fewer gyros and one run each way: enough to show the trend of the filter's share.
 OTHER_ROBOTS: Final = (
     {"skid": 0.005, "tread_sigma": 0.001, "pavement_m_per_sqrt_m": 0.0003, "bump_m": 0.0003},
     {"skid": 0.005, "tread_sigma": 0.001},
@@ -35,7 +35,7 @@ PERCENTILES: Final = (5.0, 50.0, 95.0)
 
 
 def run_experiment(gyros: int, seed: int) -> Results:
-    """All cells of Table II with `gyros` gyros, and the studies beside it. Shows a progress bar."""
+    """Run all cells of Table II with `gyros` gyros, and the further studies. Shows a progress bar."""
     physics = Physics()
     config = informed(load_config(shipped_config("pioneer-at.yaml")).value, physics)
     laboratory = Laboratory.make(config, physics)
@@ -75,7 +75,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
 
 
 def _via_points(truth: Truth) -> Array:
-    """Where the corners begin and end."""
+    """Points at which the corners begin and end."""
     quarter_m = truth.distance_m[-1] / 4.0
     ends = quarter_m * np.arange(1, 5)
     along = np.sort(np.concatenate([ends - CORNER_M, ends]))
@@ -89,7 +89,7 @@ def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:
 
 
 def _figure3(physics: Physics, seed: int) -> Array:
-    """New data sets of one more gyro, before and after the calibration that never saw them."""
+    """Held-out data sets of one more gyro, before and after its calibration."""
     gyro = SimulatedGyro(physics.gyro, np.random.default_rng([seed, 2003]))
     fitted = fit_error_function(data_sets_of_samples(*gyro.on_rate_table(physics.table)))
     new = data_sets_of_samples(*gyro.on_rate_table(physics.table))
@@ -106,7 +106,7 @@ def _parameters(physics: Physics) -> Iterable[list[str]]:
 
 
 def _configuration_rows(config: Config) -> Iterable[list[str]]:
-    """What of the configuration decides the outcome; null is what is usual for how the robot steers."""
+    """Rows of the configuration that affect the outcome; null is the default for the robot's steering."""
     yield ["robot.tread_m", f"{config.robot.tread_m:g}"]
     yield ["robot.drive", config.robot.drive]
     for name in ("profile", "midpoint", "gate_sigma"):

@@ -1,4 +1,4 @@
-"""Gyros as Table I describes them: each draws its own error function, which is no polynomial."""
+"""Simulated gyros by Table I: each has its own random error function, which is not a polynomial."""
 
 import math
 from typing import Final
@@ -15,12 +15,12 @@ from drd_tools.simulate.conditions import Conditions, Random, wandering
 from drd_tools.simulate.sensors import readings_deg_s
 
 TEMPERATURE_RANGE_C: Final = (-40.0, 75.0)
-FACTORY_C: Final = 25.0  # where scale factor and bias are set
-# Relative sizes of what makes the curves. Rate: the sine of the Sagnac phase, and a difference between left and right
-# turns from an offset of that phase. Temperature: slope and curvature.
+FACTORY_C: Final = 25.0  # temperature at which scale factor and bias are set
+# Relative sizes of the curves' components. Rate: the sine of the Sagnac phase, and a difference between left and right
+# turns due to an offset of that phase. Temperature: slope and curvature.
 RATE_SHAPES: Final = (1.0, 0.3)
 TEMPERATURE_SHAPES: Final = (1.0, 0.5)
-RIPPLE: Final = 0.05  # what electronics and optics add that no low order describes, as a share of the specification
+RIPPLE: Final = 0.05  # effects of electronics and optics beyond low orders, as a share of the specification
 PHASE_AT_FULL_SCALE_RAD: Final = 0.44  # 150 m of fibre on 66 mm at 820 nm
 GRID: Final = 801
 INTERVAL_S: Final = 0.1
@@ -63,7 +63,7 @@ class SimulatedGyro(Effect):
         return np.asarray(scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c))
 
     def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002  # it has none
-        """What it adds on a drive; the bias wanders anew each time."""
+        """Errors on a drive; the bias wander is drawn anew each time."""
         error_deg_s = self.error_deg_s(DEG_PER_RAD * m.rate_rad_s, m.temperature_c) + self._wander_deg_s(m.time_s)
         return Errors(gyro_rad_s=RAD_PER_DEG * error_deg_s)
 
@@ -80,12 +80,12 @@ class SimulatedGyro(Effect):
 
     def on_rate_table(self, table: RateTable) -> tuple[Array, Array, Array, Array]:
         """A calibration's samples: time_s, table_rate_deg_s, rate_deg_s, temperature_c, each of shape (n,)."""
-        limit = 0.95 * self._physics.full_scale_deg_s  # with its scale error it would clip beyond
+        limit = 0.95 * self._physics.full_scale_deg_s  # beyond, it would clip due to its scale error
         steps = round(limit / table.rate_step_deg_s)
         rates = np.linspace(-limit, limit, 2 * steps + 1)
         temperatures = np.linspace(table.coldest_c, table.warmest_c, round(table.temperatures))
         samples = round(table.dwell_s / INTERVAL_S)
-        # Each dwell has a different rate than the one before, so that they can be told apart.
+        # Successive dwells have different rates, so that they can be told apart.
         true = np.tile(np.repeat(rates, samples), len(temperatures))
         temperature = np.repeat(temperatures, samples * len(rates))
         rate, read_c = self.read(true, temperature)
@@ -93,7 +93,7 @@ class SimulatedGyro(Effect):
 
 
 def _mixed(shapes: tuple[Array, ...], sizes: tuple[float, ...], random: Random) -> Array:
-    """A random mixture of shapes, each first centred and brought to unit size."""
+    """Random mixture of shapes, each first centred and scaled to unit size."""
     total = np.zeros_like(shapes[0])
     for shape, size in zip(shapes, sizes, strict=True):
         centred = shape - shape.mean()
@@ -106,7 +106,7 @@ def _ripple(phase_rad: Array, random: Random) -> Array:
 
 
 def _over_temperature(peak_to_peak: float, random: Random) -> tuple[Array, Array]:
-    """A curve over the full range of temperature which is zero where the factory set it; for np.interp."""
+    """Draw a curve over the full temperature range that is zero at the factory's setting; for np.interp."""
     temperature = np.linspace(*TEMPERATURE_RANGE_C, GRID)
     t = (temperature - FACTORY_C) / 60.0
     curve = _mixed((t, t**2), TEMPERATURE_SHAPES, random)

@@ -1,4 +1,4 @@
-"""What is simulated: one set of physical parameters for all cells of Table II."""
+"""Physical parameters of the simulation, the same for all cells of Table II."""
 
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -8,13 +8,13 @@ TABLE_I: Final = "Table I"
 
 
 def parameter(value: float, unit: str, text: str, source: str) -> Any:
-    """A physical parameter that can say what it is."""
+    """A physical parameter with unit, description and source."""
     return field(default=value, metadata={"unit": unit, "text": text, "source": source})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gyro:
-    """The gyros' population."""
+    """Population of the gyros."""
 
     full_scale_deg_s: float = parameter(100.0, "deg/s", "largest rate", TABLE_I)
     count_deg_s: float = parameter(100.0 / 32768, "deg/s", "one count of a reading", "Table I, 16 bits")
@@ -34,7 +34,7 @@ class Gyro:
 
 @dataclass(frozen=True, kw_only=True)
 class Weather:
-    """Temperature of the gyro through the ten runs."""
+    """Temperature of the gyro during the ten runs."""
 
     coldest_c: float = parameter(10.0, "degC", "ambient temperature, lowest of the uniform draw", "assumed")
     warmest_c: float = parameter(30.0, "degC", "and highest", "assumed")
@@ -47,7 +47,7 @@ class Weather:
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """The Pioneer AT: four driven wheels that skid in turns. Errors are what is left after a good calibration."""
+    """The Pioneer AT: four driven wheels that skid in turns. Errors are those left by a good calibration."""
 
     scale_sigma: float = parameter(0.001, "1", "error of each side's wheel radius", "UMBmark's accuracy")
     tread_sigma: float = parameter(0.003, "1", "error of the effective tread on this ground", "UMBmark's accuracy")
@@ -62,7 +62,7 @@ class Robot:
 
 @dataclass(frozen=True, kw_only=True)
 class RateTable:
-    """How each gyro is calibrated."""
+    """Calibration of each gyro on a rate table."""
 
     coldest_c: float = parameter(0.0, "degC", "lowest temperature of the chamber", "assumed")
     warmest_c: float = parameter(45.0, "degC", "highest", "assumed")
@@ -73,7 +73,7 @@ class RateTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Physics:
-    """All of it."""
+    """All physical parameters."""
 
     gyro: Gyro = Gyro()
     weather: Weather = Weather()

@@ -1,4 +1,4 @@
-"""The pictures of `drd paper`."""
+"""Pictures of `drd paper`."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +26,7 @@ def draw_all(results: Results, folder: Path) -> list[Path]:
 
 
 def _path(figure: Any, results: Results) -> None:
-    """The whole path, and its end enlarged: there the errors can be seen."""
+    """Draw the whole path, and its end enlarged, where the errors are visible."""
     axes = figure.subplots(1, 2)
     for whole, panel in zip((True, False), axes, strict=True):
         panel.plot(*results.example_true_m.T, color=TRUE_GREY, linewidth=5, label="true path")
@@ -45,7 +45,7 @@ def _path(figure: Any, results: Results) -> None:
 
 
 def _table2(figure: Any, results: Results) -> None:
-    """Ours as bars with the spread of the gyros, the paper's averages as marks."""
+    """Draw our errors as bars with the spread of the gyros, the paper's averages as marks."""
     axes = figure.subplots()
     n, ours = results.runs_each_way, 100.0 * results.return_m
     for group, (runs, printed) in enumerate(((slice(0, n), TABLE_II_CM[:5]), (slice(n, 2 * n), TABLE_II_CM[5:]))):

@@ -1,4 +1,4 @@
-"""What `drd paper` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
+"""Results of `drd paper`: computed once, saved as JSON, then reported and drawn any number of times."""
 
 import dataclasses
 from typing import ClassVar, Final
@@ -31,7 +31,7 @@ class Results(Saved):
     variance_time_s: Array  # (k,)
     variance_sigma: Array  # (k, 9)
     delay: Array  # (d, 3): delay in s, return error, largest error on the way
-    comparing_m: Array  # (k, 2): sigma of the return position with a calibrated gyro: headings compared, and not
+    comparing_m: Array  # (k, 2): sigma of the return position, gyro calibrated, with and without comparing headings
     others: Array  # (v, 2): mean return error of the other robots, without filter and with it
     other_names: list[str]
     parameters: list[list[str]]  # name, value, unit, meaning, source
@@ -45,7 +45,7 @@ class Results(Saved):
 
 
 def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, float]:
-    """How many times smaller the mean error is in a cell than in the first; with the 95 % interval over gyros."""
+    """Factor by which the mean error is smaller in a cell than in the first, with the 95 % interval over gyros."""
     mean = return_m.mean(axis=1)
     picked = np.random.default_rng(seed).integers(len(mean), size=(RESAMPLES, len(mean)))
     resampled = mean[picked].mean(axis=1)
@@ -54,6 +54,6 @@ def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, fl
 
 
 def single_factors(return_m: Array, cell: int) -> Array:
-    """The same for each gyro by itself, shape (g,)."""
+    """The same factor for each single gyro, shape (g,)."""
     mean = return_m.mean(axis=1)
     return np.asarray(mean[:, 0] / mean[:, cell])

@@ -49,7 +49,7 @@ CELLS: Final = (
 
 
 def path(config: Config, side: str, laps: int = 1) -> Truth:
-    """The paper's, cw or ccw, after a standstill in which the gyro's bias is measured."""
+    """Path of the paper, cw or ccw, after a standstill in which the gyro bias is measured."""
     stand_s = config.estimation.static_bias.duration_s + 1.0
     return make_truth(make_drive(f"square-{side}", stand_s=stand_s, laps=laps), "constant")
 
@@ -60,7 +60,7 @@ def seconds_of(truth: Truth) -> Array:
 
 
 class Outcome(NamedTuple):
-    """What one gyro's runs gave. Runs are cw first, then ccw; cells in the order of CELLS."""
+    """Results of one gyro's runs. Runs are cw first, then ccw; cells in the order of CELLS."""
 
     return_m: Array  # (runs, cells): distance from the start after the return
     largest_m: Array  # (runs, cells): largest position error on the way
@@ -74,7 +74,7 @@ class Outcome(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Laboratory:
-    """What does not change from gyro to gyro."""
+    """Setup common to all gyros."""
 
     config: Config
     physics: Physics
@@ -82,7 +82,7 @@ class Laboratory:
 
     @staticmethod
     def make(config: Config, physics: Physics) -> "Laboratory":
-        """With the paper's path."""
+        """Make a laboratory with the paper's path."""
         return Laboratory(config, physics, (path(config, "cw"), path(config, "ccw")))
 
 
@@ -110,7 +110,7 @@ def run_gyro(
 
 
 def calibrate(gyro: SimulatedGyro, physics: Physics) -> tuple[Calibration, float, float]:
-    """The rate-table calibration, and the rms error of new data sets before and after it, deg/s. (2) to (6)"""
+    """Calibrate on the rate table; also return the rms error of new data sets before and after, deg/s. (2) to (6)"""
     data, new = (data_sets_of_samples(*gyro.on_rate_table(physics.table)) for _ in range(2))
     fitted = fit_error_function(data)
     before, after = (float(np.sqrt(np.mean(e**2))) for e in (new.error_deg_s, fitted.residual_deg_s(new)))
@@ -118,7 +118,7 @@ def calibrate(gyro: SimulatedGyro, physics: Physics) -> tuple[Calibration, float
 
 
 def informed(config: Config, physics: Physics) -> Config:
-    """The configuration of an engineer who knows how good the robot is, though not which errors it has."""
+    """Configuration by an engineer who knows the robot's error statistics, but not its actual errors."""
     robot, gyro = physics.robot, physics.gyro
     noise = dataclasses.replace(
         config.estimation.noise,
@@ -138,13 +138,13 @@ def informed(config: Config, physics: Physics) -> Config:
 
 
 def configured(config: Config, cell: Cell) -> Config:
-    """The daemon's configuration in a cell: with the filter, or with the gyro's heading alone."""
+    """Daemon's configuration in a cell: with the filter, or with the gyro's heading alone."""
     estimation = dataclasses.replace(config.estimation, heading="filter" if cell.filtered else "gyro")
     return dataclasses.replace(config, estimation=estimation)
 
 
 class Robot:
-    """One of the population: what it is beyond the configuration, as effects and conditions of the simulator."""
+    """One robot of the population: its deviations from the configuration, as the simulator's effects and conditions."""
 
     def __init__(self, config: Config, physics: Physics, random: Random):
         p, known = physics.robot, catalogue()
@@ -157,7 +157,7 @@ class Robot:
             (self.gyro, {}),
             (known["gyro_latency"], {"delay": physics.gyro.delay_s}),
         ]
-        # Of both sides, which wander by themselves, the tread feels the mean.
+        # The tread follows the mean of both sides, which wander independently.
         skid = math.sqrt(2.0) * p.skid
         ground = Ground(skid=skid, skid_length_m=p.skid_length_m, bump_per_m=p.bump_per_m, bump_m=p.bump_m)
         self._conditions = Conditions(ground=ground, reference=Reference(is_there=False))
@@ -172,7 +172,7 @@ class Robot:
         self._ambient_c = random.uniform(physics.weather.coldest_c, physics.weather.warmest_c)
 
     def samples(self, truth: Truth, seed: int, start_s: float = 0.0) -> Samples:
-        """What the daemon gets; the gyro's samples bear the time of their arrival. `start_s`: since switching on."""
+        """Samples for the daemon; the gyro's have the time of their arrival. `start_s`: time since power-on."""
         w = self._weather
         felt_c = warming_c(start_s + truth.middle_s, self._ambient_c, w.self_heating_c, w.self_heating_s)
         truth = dataclasses.replace(truth, temperature_c=felt_c)
@@ -182,7 +182,7 @@ class Robot:
 
 
 class Run(NamedTuple):
-    """What came of one run in one cell, as in Outcome."""
+    """Results of one run in one cell, as in Outcome."""
 
     return_m: float
     largest_m: float
@@ -193,7 +193,7 @@ class Run(NamedTuple):
 
 
 def drive(truth: Truth, samples: Samples, config: Config, calibration: Calibration | None) -> Run:
-    """Feed the daemon's estimator, compare its poses with the truth."""
+    """Run the daemon's estimator, and compare its poses with the truth."""
     poses = run(Estimator(config, calibration, publish_on="gyro"), *samples)
     t, x, y, heading = np.array([(p.t_ns, p.x_m, p.y_m, p.heading_rad) for p in poses]).T
     t = (t - FIRST_NS) * S_PER_NS

@@ -1,4 +1,4 @@
-"""Beside Table II: the filter's variances, a delay that the return position hides, and other robots."""
+"""Further studies: the filter's variances, a delay that the return position hides, and other robots."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, c
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
 LAPS, GYROS = 3, 4
 EVERY_NS: Final = 1_000_000_000
-NOTHING_RAD2: Final = 1e9  # a variance beside which every other is nothing
+NOTHING_RAD2: Final = 1e9  # a variance compared with which all others are negligible
 
 
 def sigmas_over_laps(laboratory: Laboratory) -> tuple[Array, Array]:
@@ -43,7 +43,7 @@ def sigmas_over_laps(laboratory: Laboratory) -> tuple[Array, Array]:
 
 def sigmas_with_and_without_comparing(laboratory: Laboratory) -> Array:
     """Standard deviation of the return position, m, by the filter's own covariance, for calibrated gyros, (GYROS, 2):
-    with the wheels' turning, and without. No estimator that is told the truth gains more by it.
+    with the turn of the wheels and without. No estimator that knows the true noise can gain more from it.
     """
     rows = []
     for seed in range(GYROS):
@@ -58,7 +58,7 @@ def sigmas_with_and_without_comparing(laboratory: Laboratory) -> Array:
 
 
 def _deaf(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
-    """A track to which no comparison of the headings says anything."""
+    """Make a track on which comparisons of the headings have no influence."""
     return make_track(config, sigmas, dataclasses.replace(noise, comparison_rad2=NOTHING_RAD2))
 
 
@@ -69,7 +69,7 @@ def _return_sigma_m(estimator: Estimator, samples: Samples) -> float:
 
 
 def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05, 0.1)) -> list[tuple[float, ...]]:
-    """Perfect sensors, but a gyro that is late: rows of delay in s, return error and largest error on the way in m."""
+    """Drive with perfect sensors, but a late gyro: rows of delay in s, return error and largest error in m."""
     perfect = dataclasses.replace(
         laboratory.physics,
         gyro=p.Gyro(
@@ -95,6 +95,6 @@ def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05
 
 
 def other_robot(laboratory: Laboratory, changes: dict[str, float]) -> Laboratory:
-    """The same path with another robot, and a configuration that knows how good that one is."""
+    """Laboratory with the same path, another robot, and a configuration for that robot."""
     physics = dataclasses.replace(laboratory.physics, robot=dataclasses.replace(laboratory.physics.robot, **changes))
     return Laboratory(informed(laboratory.config, physics), physics, laboratory.ways)

@@ -1,4 +1,4 @@
-"""Table II and what it says, as text."""
+"""Table II and its conclusions, as text."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -15,7 +15,7 @@ GAINS: Final = (2, 1, 3)  # cells, in the order of the paper's argument
 
 
 def table_rows(results: Results) -> list[list[str]]:
-    """Run or average, then for each cell the paper's and our figure, cm."""
+    """Rows: run or average, then for each cell the paper's and our figure, cm."""
     ours, printed, n = 100.0 * results.return_m, TABLE_II_CM, results.runs_each_way
     rows = []
     for way, runs in (("cw", slice(0, n)), ("ccw", slice(n, 2 * n))):
@@ -29,14 +29,14 @@ def table_rows(results: Results) -> list[list[str]]:
 
 
 def _pairs(paper: list[str], ours: Array) -> Iterator[str]:
-    """`ours` has the shape (gyros, cells)."""
+    """Yield cells with both figures. `ours` has the shape (gyros, cells)."""
     low, high = np.percentile(ours, (5.0, 95.0), axis=0)
     for k, printed in enumerate(paper):
         yield f"{printed} | {ours[:, k].mean():.1f} ({low[k]:.0f}-{high[k]:.0f})"
 
 
 def gain_rows(results: Results) -> list[list[str]]:
-    """For each method: the paper's factor, ours with its 95 % interval, what single gyros span, and on the way."""
+    """Rows for each method: the paper's factor, ours with its 95 % interval, that of single gyros, and on the way."""
     rows = []
     for cell in GAINS:
         gain, low, high = factors(results.return_m, cell)
@@ -55,13 +55,13 @@ def gain_rows(results: Results) -> list[list[str]]:
 
 
 def printed_gain(cell: int) -> float:
-    """The paper's improvement factor: ratio of the sums of Table II's columns."""
+    """Improvement factor of the paper: ratio of the sums of Table II's columns."""
     total = TABLE_II_CM.sum(axis=0)
     return float(total[0] / total[cell])
 
 
 def sentences(results: Results) -> list[str]:
-    """What came out, and where and why it differs from the paper; every figure is computed."""
+    """Sentences on the results, and where and why they differ from the paper; every figure is computed."""
     gains = [factors(results.return_m, cell)[0] for cell in GAINS]
     printed = [printed_gain(cell) for cell in GAINS]
     return [
@@ -76,7 +76,7 @@ def sentences(results: Results) -> list[str]:
 
 
 def _difference(results: Results, cell: int) -> str:
-    """Whether a gyro like the paper's occurs among ours."""
+    """Sentence on whether a gyro like the paper's occurs among ours."""
     printed, single = printed_gain(cell), single_factors(results.return_m, cell)
     low, high = np.percentile(single, (5.0, 95.0))
     share = 100.0 * float(np.mean(single <= printed))
@@ -92,7 +92,7 @@ def _difference(results: Results, cell: int) -> str:
 
 
 def _filter_depends(results: Results) -> str:
-    """Why the filter's share is what it is: how well the wheels know a turn."""
+    """Sentence explaining the filter's share by the accuracy of the wheels' turn."""
     error = [
         f"{name}, its factor alone is {e[0] / e[1]:.1f}"
         for name, e in zip(results.other_names, results.others, strict=True)
