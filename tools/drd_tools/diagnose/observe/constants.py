@@ -61,12 +61,12 @@ class Constants:
             values = effect.calibrated(self.robot)
             if values is None or effect.is_neutral(values):
                 continue
-            sigma = {name: WIDER * self.spread(effect, name, self.sigma) for name in values}
-            if any(abs(number(values, name)) > sigma[name] for name in values):  # else robot.yaml is right
-                prior = {
-                    name: (number(values, name), math.hypot(sigma[name], self.spread(effect, name, self.unmeasured)))
-                    for name in values
-                }
+            sigma = {name: self.spread(effect, name, self.sigma) for name in values}
+            if any(abs(number(values, name)) > SURE * sigma[name] for name in values):  # else robot.yaml is right
+                prior = {}
+                for name in values:
+                    unmeasured = self.spread(effect, name, self.unmeasured)
+                    prior[name] = number(values, name), math.hypot(WIDER * sigma[name], unmeasured)
                 found.append(Selected(effect, values, tuple(values), prior=prior))
         return tuple(found)
 
