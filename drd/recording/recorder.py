@@ -135,7 +135,7 @@ class Recorder(HandedOver):
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the recording; None: nothing. A loss is reported until the run's end."""
+        """Fault of the recording; None: none. A loss is reported until the run's end."""
         lost = self.lost
         texts = [self._trouble] if self._trouble else []
         return "; ".join(texts + ([f"{lost} entries lost"] if lost else [])) or None

@@ -5,6 +5,7 @@ They are effects of the catalogue, with the calibrator's values and deviations a
 
 import math
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -175,7 +176,7 @@ def _observed(recording: Recording) -> tuple[Constants, Audit]:
     measured = constants(recording)
     audited = _audited(measured)
     # If the robot only drives a circle, a stopped counter looks like another tread, with which nothing stopped.
-    for believed in (audited, _audited(replace(measured, robot=NOMINAL))):
+    for believed in chain([audited], map(_audited, [replace(measured, robot=NOMINAL)])):  # the second only if needed
         if _has_stopped(believed):
             again = _repaired(recording, measured, believed)
             if _has_stopped(anew := _audited(again)):
