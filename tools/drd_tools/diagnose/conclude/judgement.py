@@ -83,7 +83,11 @@ def judge(
     rivals = rivals_of(found, search, selected, rest, near)
     rival = splines.best(fit.selection, selected)
     # A calibrated constant is never replaced by a curve, however it varies.
-    unnamed = None if is_constant or rival is None else _unnamed_nats(problem, test, rival, worth, splines, rivals.own)
+    unnamed = None
+    if rival is not None and not is_constant:
+        # The others, refitted without the effect, may take its part; beside the curve they are held.
+        taken = max(splines.nats_of_name(fit.selection, selected) - worth, 0.0)
+        unnamed = _unnamed_nats(problem, test, rival, worth, splines, rivals.own) - taken
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None

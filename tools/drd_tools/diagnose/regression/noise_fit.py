@@ -123,10 +123,11 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         way = _slip_in_the_long_run(problem, wheels[moving]) / noise.forward_m_per_sqrt_m
     elif jitter_s or noise.jitter_s:
         way, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WAY)
-    position, heading = deviation(fixes[:, :2].ravel()), deviation(fixes[:, 2])
     inflation = np.ones(len(fixes)) if problem.fix_inflation is None else problem.fix_inflation
+    fixes = fixes * np.sqrt(inflation)[:, None]
+    position, heading = deviation(fixes[:, :2].ravel()), deviation(fixes[:, 2])
     if searched or len(fixes) >= FEWEST_ROWS:
-        inflation = _inflated_fixes(fixes / np.array([position, position, heading]), inflation)
+        inflation = _inflated_fixes(fixes / np.array([position, position, heading]))
     position_m = max(noise.position_m * position, LEAST_M)
     systematic_m2 = e.datasheet.position_m**2 - position_m**2
     return (
@@ -143,9 +144,9 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     )
 
 
-def _inflated_fixes(white: Array, before: Array) -> Array:
-    """Inflation (m,) of outlying fixes, given the whitened fixes (m, 3) and their inflation `before`."""
-    inflation: Array = np.maximum(1.0, np.mean(white**2, axis=1) / INFLATED_BEYOND**2 * 3.0) * before
+def _inflated_fixes(white: Array) -> Array:
+    """Inflation (m,) of outlying fixes, given the whitened fixes (m, 3)."""
+    inflation: Array = np.maximum(1.0, np.mean(white**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
     return inflation
 
 

@@ -157,6 +157,13 @@ class SplineTerms:
                 )
         return best
 
+    def nats_of_name(self, selection: Sequence[Selected], selected: Selected) -> float:
+        """Gain of one of the selected effects, as it is, where `best` has the gain of the curve that replaces it."""
+        problem, kept = self._problem, [c for c in selection if c is not selected]
+        own, marginal = problem.effect_rows([selected]), Marginal(nuisance_design(problem, kept))
+        projected = marginal.projected(own)
+        return 0.5 * float(projected @ (problem.data - problem.effect_rows(kept))) ** 2 / float(own @ projected)
+
     def reported(self, selected: Selected, others: Sequence[Selected], curve: Curve) -> Array:
         """Curve (k,), in its unit, estimated from the rows of an effect alone, beside others, with the same prior. (83)
 
