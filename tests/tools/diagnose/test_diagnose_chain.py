@@ -83,3 +83,14 @@ def test_the_cleared_gyro_of_a_clock_far_off_turns_when_the_robot_did() -> None:
     inside = slice(100, -200)  # at the ends a late sample shows what has not been recorded
     off = np.cumsum(cleared.gyro_rad - plain.gyro_rad)[inside]
     assert np.ptp(off) < 0.04
+
+
+def test_a_slip_of_half_the_travel_is_removed_whole() -> None:
+    """It is a share of the speed without slip, which is known once the slip is removed."""
+    slip = selected("surface_slip", t0=40.0, t1=90.0, left=0.5, right=0.2)
+    plain, slipping = (gather(recorded(WAREHOUSE, 3, *selection)) for selection in ((), (slip,)))
+    inside = (plain.time_s > 40.5) & (plain.time_s < 89.5)
+    cleared = Problem(slipping).cleared([slip])
+    assert np.abs(slipping.left_m - plain.left_m)[inside].sum() > 0.4 * plain.left_m[inside].sum()
+    off = np.abs(cleared.left_m - plain.left_m)[inside].sum() / plain.left_m[inside].sum()
+    assert off < 0.02

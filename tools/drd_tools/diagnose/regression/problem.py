@@ -27,8 +27,10 @@ Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
 Wanted = tuple[Effect, Values, str]
 
 CACHED_BYTES: Final = 150e6  # of whitened columns in one problem: limits the memory
-# Rounds of removing effects along the motion cleared of them: the second changes only second-order terms.
-CLEARINGS: Final = 2
+# Rounds of removing effects along the motion cleared of them, at most. Each leaves as much of the last change as the
+# effects are of the motion: half if wheels spin. They end if increments change by less, relative to the largest.
+CLEARINGS: Final = 10
+CLEARED: Final = 0.005
 FORM: Final = "form "
 SLOPE: Final = "slope "
 
@@ -173,7 +175,9 @@ class Problem:
                 gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
             left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
-            clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
+            before, clear = clear, replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
+            if i and _change(before, clear) < CLEARED:
+                break
         return clear
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
@@ -317,6 +321,12 @@ class Problem:
     def tangents(self, selection: Sequence[Selected]) -> Array:
         """Derivatives of the explained data with respect to all free parameters, (r, k)."""
         return as_columns(self.units(self.wanted_tangents(selection)), len(self.data))
+
+
+def _change(before: Evidence, after: Evidence) -> float:
+    """Largest change of the wheels' increments, relative to the largest increment."""
+    sides = (before.left_m, after.left_m), (before.right_m, after.right_m)
+    return max(float(np.abs(b - a).max() / max(np.abs(b).max(), 1e-12)) for a, b in sides)
 
 
 def _keys(wanted: Sequence[Wanted]) -> list[Key]:
