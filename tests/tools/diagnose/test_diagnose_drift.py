@@ -90,5 +90,6 @@ def test_three_causes_that_turn_the_gyro_of_a_real_drive_too_far_are_all_found()
     causes = analyse(replace(whole, fog=replace(fog, rate_rad_s=rate + planted))).conclusion.causes
     found = {c.effect: c.selected for c in causes if c.status is Status.CONFIRMED and c.selected is not None}
     assert found["gyro_scale_asymmetry"].number("k") == pytest.approx(0.057, abs=0.006)
-    assert np.degrees(found["gyro_vibration_bias"].number("k")) == pytest.approx(0.655, abs=0.1)
+    # The wheels are 4.5 % smaller than stated, and the robot so much slower.
+    assert np.degrees(found["gyro_vibration_bias"].number("k")) == pytest.approx(0.655 * 1.045**2, abs=0.08)
     assert np.degrees(found["gyro_warmup"].number("b")) == pytest.approx(1.573, abs=0.2)

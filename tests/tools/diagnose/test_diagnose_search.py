@@ -224,7 +224,7 @@ def test_of_the_fits_of_the_same_names_the_best_one_stands_for_them() -> None:
     assert near[0].fit is found.fit
     best = {one.names: search.score(one.fit) for one in near}
     for fit in search.near(found.fit, found.score - FAR_NATS):
-        assert search.score(fit) <= best[frozenset(c.id for c in fit.selection)]
+        assert search.score(fit) <= best[frozenset(c.id for c in fit.selection)] + 1e-3  # where each descent ended
 
 
 def test_what_is_driven_beyond_all_sizes_is_not_searched_from() -> None:

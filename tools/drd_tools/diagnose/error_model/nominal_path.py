@@ -11,7 +11,7 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.results import Array
 
 ROUNDS: Final = 2  # the second linearises around a path that is already bent to the fixes
-DRIFT_S: Final = 10.0  # of a gyro that warms up or a tread that is off: short enough to be linear, long for a median
+DRIFT_S: Final = 10.0  # short enough for a linear drift of what warms up, long enough for a median
 SLOWLY_RAD: Final = 0.5  # between fixes; of headings without meaning, one in six changes by less
 
 
@@ -25,7 +25,7 @@ def follow(e: Evidence) -> Path:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
         bias = float(e.gyro_rad[known].sum() / e.step_s[known].sum()) if known.any() else 0.0
         turn = np.where(e.gyroless, turn, e.gyro_rad - bias * e.step_s)
-    turn = turn + _drift(e, turn)
+        turn = turn + _drift(e, turn)
     path = dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
     for _ in range(ROUNDS if len(e.fix) else 0):
         path = inflated_model(e, path).smoothed()
@@ -33,7 +33,7 @@ def follow(e: Evidence) -> Path:
 
 
 def _drift(e: Evidence, turn_rad: Array) -> Array:
-    """Slow error of the turns, (n,), from the fixes' headings: nothing is linear around a path half a turn off."""
+    """Slow error of the gyro's turns, (n,), from the fixes: nothing is linear around a path half a turn off."""
     if not len(e.fix):
         return np.zeros(len(turn_rad))
     heading = e.fix[0, 2] + np.concatenate([[0.0], np.cumsum(turn_rad)])

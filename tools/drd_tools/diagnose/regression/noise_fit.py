@@ -30,8 +30,10 @@ INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
 WALK: Final = ("walk_rad_per_sqrt_s",)
 WAY: Final = ("lateral_m_per_sqrt_m", "forward_m_per_sqrt_m")
 WHEELS: Final = (*WAY, "slip_m_per_sqrt_m")
-# Multiples of the previous size, tried downwards and upwards while the likelihood rises; later rounds go further.
-FACTORS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
+HEADING: Final = ("heading_rad",)
+# Multiples of the previous sizes, and of the headings', tried in each direction while the likelihood rises.
+FACTORS: Final = (((1.0, 1.0),), ((0.55, 1.0), (0.3, 1.0)), ((1.8, 1.0), (3.3, 1.0)))
+BOTH: Final = (((0.55, 1.8), (0.3, 3.3)), ((1.8, 0.55), (3.3, 0.3)))
 SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: a guess if robot.yaml does not state it
 # A reference that repeats the same pose shows no noise, but the filter divides by it.
 LEAST_M, LEAST_RAD = 1e-5, 1e-5
@@ -108,23 +110,23 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     e, noise = problem.evidence, problem.noise
     wheels, fixes = not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
-    walk, jitter_s = e.datasheet.walk_rad_per_sqrt_s, 0.0
+    walk, jitter_s, of_heading = e.datasheet.walk_rad_per_sqrt_s, 0.0, 1.0
     if len(wheels):
         slip, jitter_s = _slip_and_jitter(problem, wheels, moving)
         walk = _walk(problem, wheels[e.still])
     elif not e.has_wheels:
         slip = 1.0
-        factor, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WALK)
+        factor, of_heading, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WALK)
         walk = max(noise.walk_rad_per_sqrt_s * factor, e.datasheet.walk_rad_per_sqrt_s)
     else:
-        slip, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WHEELS)
+        slip, of_heading, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WHEELS)
     way = slip
     if (jitter_s or noise.jitter_s) and fixes.size < FEWEST_ROWS:
         way = _slip_in_the_long_run(problem, wheels[moving]) / noise.forward_m_per_sqrt_m
     elif jitter_s or noise.jitter_s:
-        way, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WAY)
+        way, of_heading, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WAY)
     inflation = np.ones(len(fixes)) if problem.fix_inflation is None else problem.fix_inflation
-    fixes = fixes * np.sqrt(inflation)[:, None]
+    fixes = fixes * np.sqrt(inflation)[:, None] * np.array([1.0, 1.0, of_heading])
     position, heading = deviation(fixes[:, :2].ravel()), deviation(fixes[:, 2])
     if searched or len(fixes) >= FEWEST_ROWS:
         inflation = _inflated_fixes(fixes / np.array([position, position, heading]))
@@ -169,26 +171,28 @@ def _walk(problem: Problem, at_rest: Array) -> float:
 
 def _most_likely(
     problem: Problem, fixes: Array, known: list[Sensitivity], noise: Noise, sizes: Sequence[str]
-) -> tuple[float, Array]:
-    """Most likely factor of some noise sizes, given the fixes' innovations without the `known` sensitivities, and the
-    whitened fixes (m, 3) at that factor.
+) -> tuple[float, float, Array]:
+    """Most likely factors of some noise sizes and of the fixes' headings', given the fixes' innovations without the
+    `known` sensitivities, and the fixes (m, 3) whitened with them.
 
-    Without a gyro nothing else shows how much the wheels slip. The factor is 1 if fixes are few.
+    Without a gyro nothing else shows how much the wheels slip. The factors are 1 if fixes are few. Headings too exact
+    and wheels that slip too much explain each other, so that both are also changed at once; but not on real ground,
+    where the wheels' noise stands for all that is as small as their tolerances, see `by_direction`.
     """
     if fixes.size < FEWEST_ROWS:
-        return 1.0, fixes
+        return 1.0, 1.0, fixes
     sensitivities = [problem.linear.data(), *known]
-    best, most = (1.0, fixes), -math.inf
-    for factors in FACTORS:
-        for factor in factors:
-            tried = scaled(noise, factor, sizes)
+    best, most = (1.0, 1.0, fixes), -math.inf
+    for factors in FACTORS if problem.evidence.is_far else FACTORS + BOTH:
+        for factor, of_heading in factors:
+            tried = scaled(scaled(noise, factor, sizes), of_heading, HEADING)
             linear = Linear(problem.evidence, problem.path, tried, problem.fix_inflation, problem.linear)
             rows = linear.rows(sensitivities)[len(problem.evidence.step_s) :].reshape(-1, 3, len(sensitivities))
             left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
             nats = _nats(linear, left)
             if nats <= most:
                 break
-            best, most = (factor, left), nats
+            best, most = (factor, of_heading, left), nats
     return best
 
 
@@ -210,7 +214,7 @@ def by_direction(problem: Problem, fit: Fit) -> Problem:
     faults = [s * (sigma * x) for (_, sigma, s), x in zip(problem.nuisances, fit.nuisance, strict=True)]
     known, noise, fixes = [*_selected(problem, fit), *faults], problem.noise, not_inflated(problem, fit.left)[1]
     for size in WHEELS:
-        factor, _ = _most_likely(problem, fixes, known, noise, [size])
+        factor, _, _ = _most_likely(problem, fixes, known, noise, [size])
         noise = scaled(noise, factor, [size])
     return problem.with_noise(noise, problem.fix_inflation, problem.inflation)
 

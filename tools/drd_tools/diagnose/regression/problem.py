@@ -160,8 +160,10 @@ class Problem:
         raw = self.evidence
         gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
-        clear, body, added = raw, Sensitivity(), Sensitivity()
-        for i in range(CLEARINGS):
+        clear, body, added, last = raw, Sensitivity(), Sensitivity(), math.inf
+        # What a stopped counter has lost is in no reading, and so is not known any better a second time.
+        is_lost = any(c.effect.irreversible for c in selection)
+        for i in range(2 if is_lost else CLEARINGS):
             if i:  # along the motion that is already cleared
                 # If no fix constrains the path, the old one would drag shifted turns back to their old place.
                 sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
@@ -175,8 +177,12 @@ class Problem:
                 gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
             left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
-            before, clear = clear, replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
-            if i and _change(before, clear) < CLEARED:
+            cleared = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
+            change = _change(clear, cleared) if i else math.inf
+            if i > 1 and change > last:  # effects larger than the motion: it diverges
+                break
+            clear, last = cleared, change
+            if change < CLEARED:
                 break
         return clear
 

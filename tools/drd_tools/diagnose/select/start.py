@@ -15,6 +15,7 @@ from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import STRONG_NATS
 from drd_tools.diagnose.selected import Selected
 
+SECOND_ORDER_NATS: Final = 1.5  # beyond a nat or two, linear around robot.yaml is not linear around the constants
 APART_S: Final = 2.0  # between fixes: four times what real drives hold speeds, and lidars average, for
 
 
@@ -41,7 +42,7 @@ def started(audited: Audit, measured: Constants) -> Start:
     known = [c for c in refine(problem, [event.selected for event in audited.events]).selection if is_plausible(c)]
     constants = list(measured.selection)
     far = replace(problem.evidence, is_far=True)
-    if constants and _explained_nats(problem, known, constants) > STRONG_NATS:
+    if constants and _hides_others(problem, constants, _explained_nats(problem, known, constants)):
         return Start(Problem(_apart(far), problem.path, near=problem), known, constants)
     # Without wheels only the reference's lag distinguishes real ground from a simulation.
     if not far.has_wheels and far.reference_lag_s:
@@ -59,6 +60,16 @@ def _apart(e: Evidence) -> Evidence:
         return e
     _, kept = np.unique(e.fix_time_s // APART_S, return_index=True)
     return e.with_fixes(kept)
+
+
+def _hides_others(problem: Problem, constants: Sequence[Selected], nats: float) -> bool:
+    """Whether constants that explain so much would hide other effects, or be hidden by them.
+
+    Without a gyro the errors of held speeds absorb part of each turn beside wheels of the stated sizes, see `_apart`.
+    """
+    sizes = [c.number(name) for c in constants if c.effect.geometry for name in c.free]
+    second_order = nats * max(map(abs, sizes), default=0.0) ** 2
+    return nats > STRONG_NATS or (problem.evidence.gyro_rad is None and second_order > SECOND_ORDER_NATS)
 
 
 def _explained_nats(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> float:
