@@ -162,7 +162,8 @@ class SplineTerms:
         problem, kept = self._problem, [c for c in selection if c is not selected]
         own, marginal = problem.effect_rows([selected]), Marginal(nuisance_design(problem, kept))
         projected = marginal.projected(own)
-        return 0.5 * float(projected @ (problem.data - problem.effect_rows(kept))) ** 2 / float(own @ projected)
+        norm = max(float(own @ projected), 1e-300)  # 0 if nothing shows it
+        return 0.5 * float(projected @ (problem.data - problem.effect_rows(kept))) ** 2 / norm
 
     def reported(self, selected: Selected, others: Sequence[Selected], curve: Curve) -> Array:
         """Curve (k,), in its unit, estimated from the rows of an effect alone, beside others, with the same prior. (83)
