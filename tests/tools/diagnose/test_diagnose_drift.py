@@ -68,7 +68,7 @@ def test_noise_that_an_effect_has_made_goes_with_it() -> None:
 
 
 def test_a_cause_that_turns_the_gyro_too_far_has_its_name_and_size() -> None:
-    """What it leaves is a small share of it, and some other name takes that."""
+    """Another name may take the small share that it leaves."""
     cause = max(analyse(recorded(DRIVE, 6, VIBRATION)).conclusion.causes, key=lambda c: c.explains)
     assert cause.selected is not None
     assert cause.selected.id == VIBRATION.id

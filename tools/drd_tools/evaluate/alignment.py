@@ -9,7 +9,8 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.evaluate.trajectory import Pairs, wrapped
+from drd_tools.evaluate.trajectory import Pairs
+from drd_tools.recordings.folder import wrapped
 
 KINDS: Final = ("none", "start", "first-metres", "se2")
 

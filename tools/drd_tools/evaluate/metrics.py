@@ -10,7 +10,8 @@ import numpy.typing as npt
 from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import align, rotation
-from drd_tools.evaluate.trajectory import Pairs, wrapped
+from drd_tools.evaluate.trajectory import Pairs
+from drd_tools.recordings.folder import wrapped
 
 Indices = npt.NDArray[np.intp]
 

@@ -1,6 +1,5 @@
 """Read poses and their reference, and bring them to common times."""
 
-import math
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -24,6 +23,7 @@ from drd_tools.recordings.folder import (
     file_hash,
     read_recording,
     read_table,
+    wrapped,
 )
 from drd_tools.recordings.path_length import path_length_m
 
@@ -89,11 +89,6 @@ class Pairs:
         difference = self.estimate - self.reference
         difference[:, 2] = np.unwrap(wrapped(difference[:, 2]))
         return difference
-
-
-def wrapped(angle_rad: Array) -> Array:
-    """Wrap angles to (-pi, pi]."""
-    return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
 
 
 def poses_of_rows(name: str, rows: Array, sha256: str = "") -> Poses:

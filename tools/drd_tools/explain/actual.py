@@ -9,11 +9,12 @@ from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import rotation
 from drd_tools.evaluate.metrics import turned
-from drd_tools.evaluate.trajectory import Reference, wrapped
+from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
 from drd_tools.explain.interval import Interval
 from drd_tools.explain.results import Actual, Part
 from drd_tools.limit.causes import CAUSES, GROUPS, SKID_SCALE
+from drd_tools.recordings.folder import wrapped
 
 DRAWN: Final = 600
 REFERENCE: Final = "the reference itself"

@@ -11,9 +11,9 @@ from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.metrics import rms
 from drd_tools.evaluate.replayed import poses_of
-from drd_tools.evaluate.trajectory import associate, reference_of, wrapped
+from drd_tools.evaluate.trajectory import associate, reference_of
 from drd_tools.fleet.prior import Expected, write_prior
-from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.recordings.folder import Recording, read_recording, wrapped
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
 

@@ -11,7 +11,8 @@ from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import nees
 from drd_tools.evaluate.lag import lag_of, shifted
 from drd_tools.evaluate.metrics import absolute_error, kitti_drift
-from drd_tools.evaluate.trajectory import Poses, Reference, associate, wrapped
+from drd_tools.evaluate.trajectory import Poses, Reference, associate
+from drd_tools.recordings.folder import wrapped
 
 Mask = npt.NDArray[np.bool_]
 

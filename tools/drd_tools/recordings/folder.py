@@ -247,6 +247,11 @@ def read_reference_log(file: Path) -> ReferenceLog:
     return ReferenceLog(time_s, x_m, y_m, continuous_rad(heading_deg))
 
 
+def wrapped(angle_rad: Array) -> Array:
+    """Wrap angles to (-pi, pi]."""
+    return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
+
+
 def continuous_rad(heading_deg: Array) -> Array:
     """Unwrap headings (n,) of a reference.
 

@@ -83,11 +83,7 @@ def judge(
     rivals = rivals_of(found, search, selected, rest, near)
     rival = splines.best(fit.selection, selected)
     # A calibrated constant is never replaced by a curve, however it varies.
-    unnamed = None
-    if rival is not None and not is_constant:
-        # The others, refitted without the effect, may take its part; beside the curve they are held.
-        taken = max(splines.nats_of_name(fit.selection, selected) - worth, 0.0)
-        unnamed = _unnamed_nats(problem, test, rival, worth, splines, rivals.own) - taken
+    unnamed = None if is_constant or rival is None else _unnamed_nats(found, test, rival, worth, splines, rivals.own)
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
@@ -109,16 +105,16 @@ def judge(
     )
 
 
-def _unnamed_nats(
-    problem: Problem, test: OtherHalf, rival: Curve, worth: float, splines: SplineTerms, own: float
-) -> float:
+def _unnamed_nats(found: Found, test: OtherHalf, rival: Curve, worth: float, splines: SplineTerms, own: float) -> float:
     """Nats of an unnamed curve, less its required margin over an effect of that worth; `own`: the effect's nats."""
+    problem = found.problem
     nats = rival.gain - margin(problem, worth)
     if problem.evidence.is_far:
         # If the world is unlike the model, some curve always fits better: it must also predict both halves better.
         unseen = test.curve_nats(splines.columns(rival))
         nats = min(nats, *(own + u - n for u, n in zip(unseen, test.nats, strict=True)))
-    return nats
+    # The others, refitted without the effect, may take its part; beside the curve they are held.
+    return nats - max(splines.nats_of_name(found.fit.selection, test.selected) - worth, 0.0)
 
 
 def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:

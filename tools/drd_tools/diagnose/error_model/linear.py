@@ -18,6 +18,7 @@ from drd_tools.diagnose.error_model.path import Path, with_jumps, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.results import Array
+from drd_tools.recordings.folder import wrapped
 
 STATES: Final = 4  # x, y, heading, the gyro's bias
 INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
@@ -82,7 +83,7 @@ class Linear:
         forward, sideways, turn = self.path.steps(with_jumps=True)
         gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - turn
         fix = e.fix - self.at_fixes()
-        fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
+        fix[:, 2] = wrapped(fix[:, 2])
         left, right = forward - half * turn, forward + half * turn
         shorter, aside = within_steps(e, self._turn)
         return Sensitivity(gyro, e.left_m - left + shorter, e.right_m - right + shorter, sideways - aside, fix)

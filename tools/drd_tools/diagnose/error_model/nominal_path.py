@@ -9,6 +9,7 @@ from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.results import Array
+from drd_tools.recordings.folder import wrapped
 
 ROUNDS: Final = 2  # the second linearises around a path that is already bent to the fixes
 DRIFT_S: Final = 10.0  # short enough for a linear drift of what warms up, long enough for a median
@@ -48,7 +49,7 @@ def _unwrapped(off_rad: Array) -> Array:
 
     A leap by nearly a turn beside other leaps is no drift: such headings are wrong.
     """
-    off_rad = np.pi - np.mod(np.pi - off_rad, 2.0 * np.pi)
+    off_rad = wrapped(off_rad)
     leaps = np.diff(off_rad)
     turns = np.round(leaps / (2.0 * np.pi))
     is_slow = maximum_filter1d(np.abs(leaps - 2.0 * np.pi * turns), 3) < SLOWLY_RAD if len(leaps) else turns

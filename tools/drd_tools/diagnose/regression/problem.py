@@ -161,7 +161,7 @@ class Problem:
         gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
         clear, body, added, last = raw, Sensitivity(), Sensitivity(), math.inf
-        # What a stopped counter has lost is in no reading, and so is not known any better a second time.
+        # No reading has the travel that a stopped counter lost: repeating does not improve it.
         is_lost = any(c.effect.irreversible for c in selection)
         for i in range(2 if is_lost else CLEARINGS):
             if i:  # along the motion that is already cleared
@@ -179,7 +179,7 @@ class Problem:
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
             cleared = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
             change = _change(clear, cleared) if i else math.inf
-            if i > 1 and change > last:  # effects larger than the motion: it diverges
+            if change > last:  # effects larger than the motion: it diverges
                 break
             clear, last = cleared, change
             if change < CLEARED:

@@ -137,10 +137,7 @@ class SplineTerms:
 
         `wanted`: channel and covariate of the only curve to try.
         """
-        problem = self._problem
-        kept = [c for c in selection if c is not beside]
-        marginal = Marginal(nuisance_design(problem, kept))
-        cleared = marginal.projected(problem.data - problem.effect_rows(kept))
+        marginal, cleared = self._cleared([c for c in selection if c is not beside])
         best: Curve | None = None
         for smooth in self._splines:
             if wanted is not None and (smooth.channel, smooth.covariate) != wanted:
@@ -159,11 +156,10 @@ class SplineTerms:
 
     def nats_of_name(self, selection: Sequence[Selected], selected: Selected) -> float:
         """Gain of one of the selected effects, as it is, where `best` has the gain of the curve that replaces it."""
-        problem, kept = self._problem, [c for c in selection if c is not selected]
-        own, marginal = problem.effect_rows([selected]), Marginal(nuisance_design(problem, kept))
-        projected = marginal.projected(own)
-        norm = max(float(own @ projected), 1e-300)  # 0 if nothing shows it
-        return 0.5 * float(projected @ (problem.data - problem.effect_rows(kept))) ** 2 / norm
+        marginal, cleared = self._cleared([c for c in selection if c is not selected])
+        own = self._problem.effect_rows([selected])
+        norm = max(float(own @ marginal.projected(own)), 1e-300)  # 0 if nothing shows it
+        return 0.5 * float(own @ cleared) ** 2 / norm
 
     def reported(self, selected: Selected, others: Sequence[Selected], curve: Curve) -> Array:
         """Curve (k,), in its unit, estimated from the rows of an effect alone, beside others, with the same prior. (83)
@@ -185,6 +181,11 @@ class SplineTerms:
         smooth = self._of(curve)
         root = np.linalg.cholesky(smooth.rough / curve.amplitude)
         return np.asarray(np.linalg.solve(root, smooth.rows.T.astype(float)).T)
+
+    def _cleared(self, kept: Sequence[Selected]) -> tuple[Marginal, Array]:
+        """Marginal of the nuisances and the effects that are kept, and the data without them, projected by it, (r,)."""
+        marginal = Marginal(nuisance_design(self._problem, kept))
+        return marginal, marginal.projected(self._problem.data - self._problem.effect_rows(kept))
 
     def _of(self, curve: Curve) -> _SplineTerm:
         return next(s for s in self._splines if (s.channel, s.covariate) == (curve.channel, curve.covariate))
