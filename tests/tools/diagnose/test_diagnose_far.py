@@ -88,18 +88,28 @@ def test_a_references_lag_is_told_as_its_own_fault() -> None:
     assert analyse(recorded(SLALOM, 1)).reference == {}
 
 
-@pytest.mark.parametrize("ppm", [-400.0, 400.0])
-def test_without_a_gyro_clocks_that_drift_apart_a_little_are_no_clock_skew(ppm: float) -> None:
-    """Which of the two clocks drifts nothing tells, and real references' do."""
-    recording = replace(recorded(SLALOM, 3), fog=None)
+@pytest.mark.parametrize(
+    ("ppm", "named"), [(-400.0, []), (400.0, []), (-2200.0, ["encoder_clock_skew"]), (2200.0, ["encoder_clock_skew"])]
+)
+def test_without_a_gyro_clocks_that_drift_apart_are_named_beyond_what_references_do(
+    ppm: float, named: list[str]
+) -> None:
+    """Which of the two clocks drifts nothing tells; 0.3 s in a drive are 3 deviations of a real reference's lag."""
+    recording = replace(recorded(WAREHOUSE, 3), fog=None)
     assert recording.reference is not None
     assert recording.wheels is not None
-    middle_s = float(recording.reference.time_s.mean())
-    time_s = recording.reference.time_s + 1e-6 * ppm * (recording.reference.time_s - middle_s)
+    time_s = recording.reference.time_s * (1.0 + 1e-6 * ppm)
     analysis = analyse(replace(recording, reference=replace(recording.reference, time_s=time_s)))
-    assert [c.effect for c in analysis.conclusion.causes] == []
-    drift = analysis.reference["drift"]
-    assert drift.value == pytest.approx(ppm, abs=max(3.0 * drift.std, 100.0))
+    assert [c.effect for c in analysis.conclusion.causes] == named
+    if named:
+        (cause,) = analysis.conclusion.causes
+        assert cause.selected is not None
+        # All of the growth is the clock's, not what remains beside a reference's own.
+        assert cause.selected.number("ppm") == pytest.approx(ppm * 1e-6, abs=2e-4)
+        assert cause.probabilities["encoder_clock_skew"] > 0.95
+    else:
+        drift = analysis.reference["drift"]
+        assert drift.value == pytest.approx(ppm, abs=max(3.0 * drift.std, 100.0))
 
 
 @pytest.mark.parametrize(("delay_s", "named"), [(0.09, []), (0.13, ["encoder_latency"])])

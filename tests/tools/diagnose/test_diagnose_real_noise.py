@@ -201,3 +201,25 @@ def test_noise_sideways_is_not_taken_for_noise_of_turns_where_all_is_to_be_told(
     assert alike.slip_m_per_sqrt_m > 1.5 * e.datasheet.slip_m_per_sqrt_m
     assert apart.slip_m_per_sqrt_m < 1.2 * e.datasheet.slip_m_per_sqrt_m
     assert apart.lateral_m_per_sqrt_m > 2.0 * e.datasheet.lateral_m_per_sqrt_m
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+def test_without_a_gyro_clocks_drift_by_their_timing_not_by_a_scale_of_the_travel() -> None:
+    """The wheels are 0.3 % smaller than stated; by itself the lag grows by 0.8 ms/s in this run."""
+    late = selected("encoder_latency", delay=0.227)
+    recording = read_recording(SHARED / "optiodom_square_230620202317_run-07")
+    drift = analyse(planted(recording, late.effect, late.values)).reference["drift"]
+    assert drift.value == pytest.approx(826.0, abs=3.0 * drift.std)
+    assert drift.std < 250.0
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+def test_without_a_gyro_a_clock_is_named_beyond_what_references_drift_by_themselves() -> None:
+    """The lag of this robot's reference grows by 0.05 to 0.11 s in each run; with the planted clock by 0.22 s."""
+    slow = selected("encoder_clock_skew", ppm=1.7e-3)
+    recording = read_recording(SHARED / "optiodom_square_230620202144_run-03")
+    (cause,) = analyse(planted(recording, slow.effect, slow.values)).conclusion.causes
+    assert cause.effect == slow.id
+    assert cause.selected is not None
+    assert cause.selected.number("ppm") == pytest.approx(1.7e-3 + 0.76e-3, abs=3e-4)
+    assert 0.75 < cause.probabilities[slow.id] < 0.95

@@ -105,8 +105,11 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
             faults[name] = Amount(value / si, sigma / si, unit)
     if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
         faults["jumps"] = Amount(float(jumps), 0.0, "1")
+    by_unit = {**found.by_unit}
+    if measured.robot.lag_growth:  # a fit's clock rate is also a scale of the wheels' travel
+        by_unit["ppm"] = (-measured.robot.lag_growth, measured.sigma.lag_growth)
     for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):
-        value, sigma = found.by_unit[q.unit]
+        value, sigma = by_unit[q.unit]
         faults[FAULT_OF_UNIT[q.unit]] = Amount(value / q.si, sigma / q.si, q.unit)
     return faults
 

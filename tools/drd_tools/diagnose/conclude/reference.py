@@ -15,6 +15,7 @@ from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
 from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, joint_covariance
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 REFERENCE_S: Final = 0.05  # usual delay of motion capture over a network
@@ -72,12 +73,31 @@ def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple
     """The estimates, and for each the odds that it is more than the reference's own delay or clock rate.
 
     The odds are infinite for other effects, and with a gyro. If the growth of a delay may equally be the reference's,
-    the delay is that at the middle of the drive.
+    the delay is that at the middle of the drive, which no growth changes.
     """
-    grown = [c for c in estimates if c.effect.begins is Begins.GROWING and _odds(problem, c) < BARELY]
-    by_then = delays_s(grown, np.full(2, _middle_s(problem)))
-    found = [_later(c, *(float(late_s[0]) for late_s in by_then)) for c in estimates]
+    timed = [_by_timing(problem, c) for c in estimates]
+    named = [c for c in timed if _odds(problem, c) >= BARELY]
+    fitted, kept = (_at_the_middle(problem, several) for several in (estimates, named))
+    found = [_later(c, *(fitted - kept).tolist()) for c in timed]
     return found, [_odds(problem, c) for c in found]
+
+
+def _by_timing(problem: Problem, selected: Selected) -> Selected:
+    """A clock rate without a gyro, from the growth of the lag, if that was measured; leave any other effect unchanged.
+
+    In a fit, it is also a scale of the wheels' travel, and N takes a part of the growth.
+    """
+    robot = problem.evidence.robot
+    is_growing = selected.effect.begins is Begins.GROWING and robot.lag_growth
+    if not is_growing or math.isinf(_odds(problem, selected)):
+        return selected
+    return replace(selected, values={**selected.values, **(selected.effect.calibrated(robot) or {})})
+
+
+def _at_the_middle(problem: Problem, selection: Sequence[Selected]) -> Array:
+    """Delays of gyro and wheels, s, that have grown until the middle of the drive."""
+    grown = [c for c in selection if c.effect.begins is Begins.GROWING]
+    return np.array([late_s[0] for late_s in delays_s(grown, np.full(2, _middle_s(problem)))])
 
 
 def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
@@ -96,11 +116,9 @@ def _odds(problem: Problem, selected: Selected) -> float:
 def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
     if not reference_deviation(problem, selected, name):
         return math.inf
-    q, sigma = selected.parameter(name), selected.sigma(name)
-    high = q.high * q.si
-    x = min(abs(selected.number(name)), high)  # larger values are no more likely the reference's
+    q, x, sigma = selected.parameter(name), abs(selected.number(name)), selected.sigma(name)
     if sigma == 0.0:
         return math.inf
-    low = -high if q.signed else 0.0
-    either = float(ndtr((high - x) / sigma) - ndtr((low - x) / sigma)) / (high - low)
+    # As dense beyond the usual range as in it: larger sizes are accepted, too.
+    either = (0.5 if q.signed else float(ndtr(x / sigma))) / (q.high * q.si)
     return either * sigma * math.sqrt(2.0 * math.pi) * math.exp(min(0.5 * (x / sigma) ** 2, LARGEST_NATS))
