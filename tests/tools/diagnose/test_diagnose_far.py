@@ -104,9 +104,9 @@ def test_without_a_gyro_clocks_that_drift_apart_are_named_beyond_what_references
     if named:
         (cause,) = analysis.conclusion.causes
         assert cause.selected is not None
-        # All of the growth is the clock's, not what remains beside a reference's own.
-        assert cause.selected.number("ppm") == pytest.approx(ppm * 1e-6, abs=2e-4)
-        assert cause.probabilities["encoder_clock_skew"] > 0.95
+        # From the timing alone: in the fit it is off by a tenth.
+        assert cause.selected.number("ppm") == pytest.approx(ppm * 1e-6, abs=1e-4)
+        assert cause.probabilities["encoder_clock_skew"] > 0.9
     else:
         drift = analysis.reference["drift"]
         assert drift.value == pytest.approx(ppm, abs=max(3.0 * drift.std, 100.0))

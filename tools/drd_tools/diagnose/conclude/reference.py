@@ -12,6 +12,7 @@ from drd.effects.effect import Begins
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
+from drd_tools.diagnose.observe.lags import MOST_DRIFT
 from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, joint_covariance
@@ -116,9 +117,11 @@ def _odds(problem: Problem, selected: Selected) -> float:
 def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
     if not reference_deviation(problem, selected, name):
         return math.inf
-    q, x, sigma = selected.parameter(name), abs(selected.number(name)), selected.sigma(name)
+    q, sigma = selected.parameter(name), selected.sigma(name)
     if sigma == 0.0:
         return math.inf
-    # As dense beyond the usual range as in it: larger sizes are accepted, too.
-    either = (0.5 if q.signed else float(ndtr(x / sigma))) / (q.high * q.si)
+    high = MOST_DRIFT if q.unit == "ppm" else q.high * q.si
+    x = min(abs(selected.number(name)), high)  # larger values are no more likely the reference's
+    low = -high if q.signed else 0.0
+    either = float(ndtr((high - x) / sigma) - ndtr((low - x) / sigma)) / (high - low)
     return either * sigma * math.sqrt(2.0 * math.pi) * math.exp(min(0.5 * (x / sigma) ** 2, LARGEST_NATS))
