@@ -11,7 +11,7 @@ from typing import Annotated, Final, NamedTuple
 import numpy as np
 from msgspec import Meta, Struct, field, structs
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.monitor.constants import KNOWN_SIGMAS, Constants
 from drd.monitor.evidence import INFORMATION
 from drd.monitor.library import CHANGE, TRAVEL, TURN
@@ -148,7 +148,7 @@ def _fitted(x: Array, y: Array, variance: Array) -> _Fit:
 def _change_points(y: Array, variance: Array) -> list[tuple[int, float]]:
     """Begins of the likeliest levels, the newest first, and the cost of all before each."""
     n, w = len(y), 1.0 / variance
-    s, sy, syy = (np.concatenate([[0.0], np.cumsum(x)]) for x in (w, w * y, w * y * y))
+    s, sy, syy = (cumulative(x) for x in (w, w * y, w * y * y))
     best, back = np.zeros(n + 1), np.zeros(n + 1, int)
     for end in range(1, n + 1):
         k = np.arange(end)

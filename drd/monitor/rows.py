@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 
@@ -144,7 +144,7 @@ class RowMaker:
         rolled = [now - np.interp(begins, at_s, total) for now, total in zip(totals, (left, right), strict=True)]
         hole = np.diff(at_s) > STALE_S
         hole |= is_new[1:]
-        holes = np.concatenate([[0.0], np.cumsum(hole * 1.0)])
+        holes = cumulative(hole * 1.0)
         k0, k1 = np.searchsorted(at_s, begins - 1e-9, "right"), np.searchsorted(at_s, ends - 1e-9)
         size = len(at_s)
         good &= (k0 > 0) & (k1 < size)

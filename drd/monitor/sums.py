@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.monitor.library import BIAS, CHANGE, TRAVEL, TURN
 from drd.monitor.segments import Segment
 
@@ -60,7 +60,7 @@ class Sums:
         self.rolled_m, self.turning_m = (
             np.array([getattr(s, name) for s in segments]) for name in ("rolled_m", "turning_m")
         )
-        self.free: Array = np.concatenate([[0.0], np.cumsum(tells)])
+        self.free: Array = cumulative(tells)
         self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
         self._fit(n)
 

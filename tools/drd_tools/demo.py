@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import zenoh
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.commands import command
 from drd.commands.watch import View
 from drd.config.file import load_config
@@ -213,9 +213,9 @@ def evaluate(truth: Sequence[Truth], poses: Sequence[dict[str, Any]], config: Co
     estimate = np.array([[(p["monotonic_ns"] - start_ns) * 1e-9, *(p[n] for n in names)] for p in poses], dtype=float)
     steps = np.diff(rows[:, 4:6], axis=0)
     turn = (steps[:, 1] - steps[:, 0]) / config.robot.tread_m
-    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    heading = cumulative(turn)
     middle, travel = heading[:-1] + 0.5 * turn, steps.mean(axis=1)
-    x, y = (np.concatenate([[0.0], np.cumsum(travel * f(middle))]) for f in (np.cos, np.sin))
+    x, y = (cumulative(travel * f(middle)) for f in (np.cos, np.sin))
     return Result(rows[:, :4], estimate, np.column_stack([rows[:, 0], x, y, heading]), length_m)
 
 

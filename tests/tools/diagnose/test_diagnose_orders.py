@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
+from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.conclude.outcome import course_of, findings_of
 from drd_tools.diagnose.error_model.linear import Sensitivity
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.orders import Ripple, ripples
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial.overlay import planted

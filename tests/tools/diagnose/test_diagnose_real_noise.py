@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import recorded, selected
 
+from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import gather
@@ -14,7 +15,6 @@ from drd_tools.diagnose.regression.noise_fit import by_direction, fitted, ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.regression.residuals import long_run, tails
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial.overlay import planted

@@ -8,12 +8,13 @@ import pytest
 from diagnosis_drives import WAREHOUSE, problem
 from msgspec.structs import replace
 
+from drd.arrays import Array
 from drd_tools.diagnose import files
 from drd_tools.diagnose.conclude.scatter import is_loud, scatter_of
 from drd_tools.diagnose.regression.noise_fit import WHEELS, scaled
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.report.page import write_report
-from drd_tools.diagnose.results import Array, Scatter
+from drd_tools.diagnose.results import Scatter
 from drd_tools.simulate.robot import DEFAULT
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.lag import reference_lag
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -14,7 +15,7 @@ from drd_tools.diagnose.conclude.outcome import verdict
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array, Status, Verdict
+from drd_tools.diagnose.results import Status, Verdict
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
 

@@ -9,7 +9,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.optimize import nnls
 from tqdm import tqdm
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd_tools.compare.blocks import Blocks
 from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
 from drd_tools.diagnose.error_model.linear import Sensitivity
@@ -81,10 +81,10 @@ def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
     forward, _, turn = path.steps()
     forward, turn = forward * moves, turn * moves
     lateral = sheet.lateral_m_per_sqrt_m * np.sqrt(0.5 * e.travel_m) * rng.standard_normal(n)
-    heading = path.pose[0, 2] + np.concatenate([[0.0], np.cumsum(turn)])
+    heading = path.pose[0, 2] + cumulative(turn)
     c, s = np.cos(heading[1:] - 0.5 * turn), np.sin(heading[1:] - 0.5 * turn)
-    x = path.pose[0, 0] + np.concatenate([[0.0], np.cumsum(forward * c - lateral * s)])
-    y = path.pose[0, 1] + np.concatenate([[0.0], np.cumsum(forward * s + lateral * c)])
+    x = path.pose[0, 0] + cumulative(forward * c - lateral * s)
+    y = path.pose[0, 1] + cumulative(forward * s + lateral * c)
     pose = np.column_stack([x, y, heading])
     half = 0.5 * e.tread_m
     wheels = []

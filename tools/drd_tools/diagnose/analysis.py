@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
@@ -19,7 +20,7 @@ from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import WHEELS, fitted, inflated, ratios, scaled, score_with_noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
+from drd_tools.diagnose.results import Amount, Figures, Scatter
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.select.start import Start, started

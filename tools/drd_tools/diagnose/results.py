@@ -7,9 +7,6 @@ from typing import Final, Literal
 
 from msgspec import UNSET, Struct, UnsetType, field
 
-from drd import arrays
-
-Array = arrays.Array
 Ranges = Mapping[str, tuple[float, float]]  # low and high of each covariate, in its file's unit
 Figures = dict[str, float | None]  # of an evaluation, by name with unit
 Window = tuple[float, float]

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.effect import END, START, ActsOn, Effect, Parameter
-from drd_tools.diagnose.results import Array
 
 Values = Mapping[str, float | str]
 Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation of parameters, SI

@@ -6,7 +6,8 @@ from typing import Final, Literal
 import numpy as np
 from msgspec import Struct, field
 
-from drd_tools.diagnose.results import Array, Figures
+from drd.arrays import Array
+from drd_tools.diagnose.results import Figures
 
 
 def _alike(series: Struct, *names: str) -> None:

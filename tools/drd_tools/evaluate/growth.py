@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.metrics import relative_errors
 from drd_tools.evaluate.trajectory import Pairs, Reference
@@ -48,7 +48,7 @@ def error_growth(pairs: Pairs, reference: Reference) -> Windows:
     if first.size < FEWEST:
         return Windows(WINDOW_S, none, none, none, none, None, f"not determined: {first.size} windows of 2 s")
     error = relative_errors(pairs, first, last)
-    travel_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(pairs.estimate[:, :2], axis=0).T))))
+    travel_m = cumulative(np.hypot(*np.diff(pairs.estimate[:, :2], axis=0).T))
     temperature_c = None
     if reference.temperature is not None:
         middle_s = 0.5 * (pairs.time_s[first] + pairs.time_s[last])

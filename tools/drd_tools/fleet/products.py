@@ -11,12 +11,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, discrepancies, nuisance_design, precisions
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import is_of_interval
 from drd_tools.diagnose.select.library import Parameters, is_seen, units_of, variants
 from drd_tools.diagnose.selected import Selected, shape_of

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.batch.logs import FogLog
 from drd_tools.evaluate.trajectory import Poses
 from drd_tools.recordings.folder import Recording
@@ -53,7 +53,7 @@ def travels(recording: Recording) -> tuple[Array, Array, Array]:
 def path(name: str, time_s: Array, distance_m: Array, heading_rad: Array) -> Poses:
     """Poses from the travel between rows, along the mean heading of each step; the path starts at the origin."""
     middle = 0.5 * (heading_rad[1:] + heading_rad[:-1])
-    x_m, y_m = (np.concatenate([[0.0], np.cumsum(distance_m * part)]) for part in (np.cos(middle), np.sin(middle)))
+    x_m, y_m = (cumulative(distance_m * part) for part in (np.cos(middle), np.sin(middle)))
     return Poses(name, time_s, np.column_stack([x_m, y_m, heading_rad]))
 
 

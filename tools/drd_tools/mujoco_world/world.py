@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd_tools.mujoco_world.ground import Friction, Ground, make_bumps
 from drd_tools.mujoco_world.missions import legs_of, way_of
 from drd_tools.mujoco_world.pilot import CONTROL_S, Pilot
@@ -125,4 +125,4 @@ def turned_about_own_axis_rad(quaternions: Array) -> Array:
     scalar = w * w2 + x * x2 + y * y2 + z * z2
     length = np.sqrt(np.square(vector).sum(axis=0))
     angle_per_length = np.where(length > 1e-12, 2.0 * np.arctan2(length, scalar) / np.maximum(length, 1e-12), 2.0)
-    return np.concatenate(([0.0], np.cumsum(angle_per_length * vector[2])))
+    return cumulative(angle_per_length * vector[2])

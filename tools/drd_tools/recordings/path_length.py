@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 
 VERTEX_SIGMAS: Final = 10.0
 MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # for the length of a Gaussian vector in the plane
@@ -22,7 +22,7 @@ def path_length_m(xy_m: Array, sigma_m: float) -> Array:
     if sigma_m > 0.0 and second_m.size:
         sigma_m = min(sigma_m, float(np.median(second_m)) / MEDIAN_PER_SIGMA / math.sqrt(6.0))
     if sigma_m <= 0.0:
-        return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))))
+        return cumulative(np.hypot(*np.diff(xy_m, axis=0).T))
     vertices, lengths = [0], [0.0]
     for k in range(1, len(xy_m)):
         chord_m = math.dist(xy_m[k], xy_m[vertices[-1]])

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 
 RATE_HZ: Final = 500
 STEP_S: Final = 1.0 / RATE_HZ
@@ -145,7 +145,7 @@ def _cells(length_m: float) -> int:
 
 
 def _nodes(steps: Array) -> Array:
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    return cumulative(steps)
 
 
 def _riding(length_m: Array, curvature_per_m: Array, limit_m_s: Array, sign: float) -> Steps:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog, FogLog
 from drd.config.robot import Robot
 from drd.effects.effect import Effect, Values
@@ -121,7 +121,7 @@ def _travel_m(
         added_m = ground.bump_m * random.standard_gamma(np.maximum(hits, 1)) * (hits > 0)
         noise = noise + added_m * np.sign(np.diff(_integral(m, true_m_s, at_s)))
     noise[steps == 0.0] = 0.0  # a counter at rest has no noise
-    return np.concatenate(([0.0], np.cumsum(steps + noise)))
+    return cumulative(steps + noise)
 
 
 def reference_log(true: ReferenceLog, nominal: Robot, conditions: Conditions, seed: int) -> ReferenceLog | None:
@@ -160,7 +160,7 @@ def _sampled_s(m: Motion, rate_hz: float) -> Array:
 def _integral(m: Motion, values: Array, at_s: Array) -> Array:
     """Integrate means over the motion's steps, whose times are their middles, from 0 to each given time."""
     step_s = 2.0 * float(m.time_s[0])
-    sums = np.concatenate(([0.0], np.cumsum(values))) * step_s
+    sums = cumulative(values) * step_s
     return np.asarray(np.interp(at_s, step_s * np.arange(len(sums)), sums))
 
 

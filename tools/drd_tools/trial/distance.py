@@ -13,12 +13,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design, refine_all
-from drd_tools.diagnose.results import NOTHING, Array
+from drd_tools.diagnose.results import NOTHING
 from drd_tools.diagnose.select.intervals import same_window
 from drd_tools.diagnose.select.library import Candidate, columns_of, is_possible, variants
 from drd_tools.diagnose.selected import SCALE, Selected, linear_names

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.effects.effect import Effect, Errors, Values
 from drd.effects.motion import Motion
 from drd_tools.recordings.folder import Recording
@@ -34,7 +34,7 @@ def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> 
         steps = np.gradient(motion.time_s)
         ends = np.concatenate([[motion.time_s[0] - 0.5 * steps[0]], motion.time_s + 0.5 * steps])
         total = sum(rates, np.zeros_like(motion.time_s))
-        return np.asarray(np.interp(at_s, ends, np.concatenate([[0.0], np.cumsum(total * steps)])))
+        return np.asarray(np.interp(at_s, ends, cumulative(total * steps)))
 
     fog, reference, log = recording.fog, recording.reference, recording.encoders
     travel = [gained([e.left_m_s for e in errors], log.time_s), gained([e.right_m_s for e in errors], log.time_s)]
@@ -92,7 +92,7 @@ def recorded_motion(recording: Recording, time_s: Array) -> Motion:
     temperature_c = np.full_like(middle_s, np.nan)
     if fog is not None:
         own = _edges_s(fog.time_s)
-        turned = np.concatenate([[0.0], np.cumsum(fog.rate_rad_s * np.diff(own))])
+        turned = cumulative(fog.rate_rad_s * np.diff(own))
         rate = np.diff(np.interp(edges, own, turned)) / step_s
         if fog.temperature_c is not None:
             temperature_c = np.interp(middle_s, fog.time_s, fog.temperature_c)

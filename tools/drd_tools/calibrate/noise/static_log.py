@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import median_abs_deviation
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
@@ -103,7 +103,7 @@ def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c
             f"{int(cuts.sum())} holes in the log: only the longest interval without, from {time_s[first]:.12g} s to "
             f"{time_s[last]:.12g} s, is used."
         )
-    place = np.concatenate([[0.0], np.cumsum(1.0 + lost[first:last])])
+    place = cumulative(1.0 + lost[first:last])
     grid = np.arange(place[-1] + 1.0)
     if len(grid) > len(place):
         bridged = len(grid) - len(place)

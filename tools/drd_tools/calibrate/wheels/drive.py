@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.config.keys import Noise
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
@@ -74,7 +74,7 @@ class Drive:
         """Travel of the faster wheel up to each row of the reference, with the nominal wheels."""
         r = self.nominal
         left, right = r.left_radius_m * np.diff(self.left_rad), r.right_radius_m * np.diff(self.right_rad)
-        travel = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(left), np.abs(right)))])
+        travel = cumulative(np.maximum(np.abs(left), np.abs(right)))
         return np.asarray(np.interp(self.reference_s, self.time_s, travel))
 
     @cached_property
@@ -157,7 +157,7 @@ def counted(drive: Drive, tread_m: float) -> Drive:
     turn_m = drive.nominal.left_radius_m * (drive.right_rad - drive.left_rad)
     turn = np.interp(drive.reference_s, drive.time_s, turn_m / tread_m)
     excess = np.round((np.diff(turn) - np.diff(heading)) / (2.0 * math.pi))
-    heading = heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)])
+    heading = heading + 2.0 * math.pi * cumulative(excess)
     return replace(drive, reference_heading_rad=heading, counted_by_m=tread_m)
 
 
@@ -183,11 +183,11 @@ def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
     left_m = wheels.left_radius_m * np.diff(drive.left_rad)
     right_m = wheels.right_radius_m * np.diff(drive.right_rad)
     turn = (right_m - left_m) / wheels.tread_m
-    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    heading = cumulative(turn)
     middle = heading[:-1] + 0.5 * turn
     chord_m = 0.5 * (right_m + left_m) * np.sinc(0.5 * turn / math.pi)
-    x_m = np.concatenate([[0.0], np.cumsum(chord_m * np.cos(middle))])
-    y_m = np.concatenate([[0.0], np.cumsum(chord_m * np.sin(middle))])
+    x_m = cumulative(chord_m * np.cos(middle))
+    y_m = cumulative(chord_m * np.sin(middle))
     xy_m = np.stack([np.interp(at_s, drive.time_s, x_m), np.interp(at_s, drive.time_s, y_m)], axis=1)
     return xy_m, np.interp(at_s, drive.time_s, heading)
 

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd.batch.logs import FogLog
 from drd_tools import robust
 from drd_tools.calibrate.wheels.fit import HUBER
@@ -102,7 +102,7 @@ def of_wheels(recording: Recording, against: str) -> Turns | None:
     left, right = recording.wheel_angles_rad()
     time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel_radius_m / recording.nominal.tread_m
     turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
-    moved = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
+    moved = cumulative(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right)))) * per_tread
     return _compared(recording.name, time_s, turn, travel, moved, other_s, other)
 
 
@@ -165,7 +165,7 @@ def _slope(time_s: Array, angle: Array, at_s: Array, half_s: float | Array) -> A
 
 def _is_dense(time_s: Array, at_s: Array, half_s: float | Array = 0.5 * WINDOW_S) -> npt.NDArray[np.bool_]:
     """Whether the log has no long step within the reach of each row, over all lags."""
-    long = np.concatenate([[0.0], np.cumsum(np.diff(time_s) > LONGEST_STEP_S)])
+    long = cumulative(np.diff(time_s) > LONGEST_STEP_S)
     reach_s = LATEST_S + half_s
     before, after = (np.searchsorted(time_s, at_s + shift_s) for shift_s in (-reach_s, reach_s))
     dense: npt.NDArray[np.bool_] = long[np.minimum(after, len(time_s) - 1)] == long[np.maximum(before - 1, 0)]

@@ -9,13 +9,13 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES, Part, drive, lap_s
 from drd_tools.diagnose.advise.separation import Layout, Named, columns_of
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import CHANNELS
 from drd_tools.diagnose.selected import Selected

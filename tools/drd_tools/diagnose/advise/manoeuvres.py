@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.results import Array
 from drd_tools.simulate.missions import MISSIONS, Drive
 from drd_tools.simulate.route import Route
 from drd_tools.simulate.truth import Truth, make_truth

@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from drd.arrays import Array
 from drd.effects.effect import END, START
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.problem import Problem, as_columns
 from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
 from drd_tools.diagnose.selected import Selected
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.statistics import Name, Part, SufficientStatistics, columns_of, shared
 from drd_tools.diagnose.conclude.cause import sentence
@@ -17,7 +18,7 @@ from drd_tools.diagnose.conclude.conclusion import LEAST_NATS
 from drd_tools.diagnose.conclude.confirm import e_value
 from drd_tools.diagnose.conclude.judgement import CONFIRMING_E, FAMILY_WISE
 from drd_tools.diagnose.conclude.outcome import parameters_of
-from drd_tools.diagnose.results import NOTHING, Array, Finding, Ranges, Status, Support
+from drd_tools.diagnose.results import NOTHING, Finding, Ranges, Status, Support
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected

@@ -6,13 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import FREE, Fit, nuisance_columns
-from drd_tools.diagnose.results import Array, Finding, Ranges, Window
+from drd_tools.diagnose.results import Finding, Ranges, Window
 from drd_tools.diagnose.selected import Selected, linear_names
 
 Name = tuple[str, str]  # of a column: an effect and one of its parameters

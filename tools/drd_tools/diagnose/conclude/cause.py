@@ -4,8 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.results import UNNAMED, Array, Status, Support, Window
+from drd_tools.diagnose.results import UNNAMED, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import CHANNELS, Curve
 from drd_tools.diagnose.selected import Selected

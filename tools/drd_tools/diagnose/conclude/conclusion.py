@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.confirm import OtherHalf, chance_gains, curve_nats, e_value, family_wise_p
 from drd_tools.diagnose.conclude.identify import Identifiability
@@ -25,7 +26,7 @@ from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
-from drd_tools.diagnose.results import Array, Because, Smallest
+from drd_tools.diagnose.results import Because, Smallest
 from drd_tools.diagnose.select.intervals import moved
 from drd_tools.diagnose.select.orders import ripples
 from drd_tools.diagnose.select.search import Found, Search, linearised

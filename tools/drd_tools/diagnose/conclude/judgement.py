@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.conclude.cause import Cause, sentence
 from drd_tools.diagnose.conclude.confirm import (
@@ -23,7 +24,7 @@ from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import NOTHING, UNNAMED, Array, Status, Support, Window
+from drd_tools.diagnose.results import NOTHING, UNNAMED, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.search import Found, Search
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.model import Model, make_model
 from drd.effects.motion import Motion
 from drd_tools.diagnose.conclude.cause import Cause
@@ -15,7 +16,7 @@ from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.observe.parts import with_whole
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Amount, Array, Finding, Term, Verdict
+from drd_tools.diagnose.results import Amount, Finding, Term, Verdict
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import PLACE
 from drd_tools.diagnose.selected import SCALE, Selected

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from drd.arrays import Array
 from drd.effects.effect import Begins
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
@@ -16,7 +17,6 @@ from drd_tools.diagnose.observe.lags import MOST_DRIFT
 from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, joint_covariance
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 REFERENCE_S: Final = 0.05  # usual delay of motion capture over a network

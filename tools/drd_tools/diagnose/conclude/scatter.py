@@ -14,11 +14,12 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array, cumulative
 from drd.config.robot import Robot, data_sheet
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.regression.noise_fit import not_inflated, ratios
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array, Level, Scatter, Window
+from drd_tools.diagnose.results import Level, Scatter, Window
 from drd_tools.diagnose.series import Spread
 
 MOST_NOISE: Final = 2.0  # times the stated noise: data sheets are right within a factor of 1.5
@@ -164,7 +165,7 @@ def _laws(problem: Problem, blocks: _Blocks) -> Iterator[_Law]:
 
     def mean(values: Array, time_s: Array = m.time_s) -> Array:
         """Means over each block."""
-        total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time_s))])
+        total = cumulative(0.5 * (values[1:] + values[:-1]) * np.diff(time_s))
         ends = [np.interp(at_s, time_s, total) for at_s in (blocks.begin_s, blocks.end_s)]
         return np.asarray((ends[1] - ends[0]) / np.maximum(blocks.end_s - blocks.begin_s, 1e-9), float)
 
@@ -229,7 +230,7 @@ def _interval(rest: Array) -> tuple[int, int, float] | None:
     if n < FEWEST_BLOCKS:
         return None
     rest = rest - rest.mean()
-    total = np.concatenate([[0.0], np.cumsum(rest)])
+    total = cumulative(rest)
     i, j = np.triu_indices(n + 1, k=2)
     inside = j - i
     fitting = inside <= LONGEST_SHARE * n

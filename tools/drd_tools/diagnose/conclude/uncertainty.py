@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.effect import Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.reference import reference_deviation
 from drd_tools.diagnose.observe.constants import WIDER
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.results import Array
+from drd.arrays import Array
 
 _Numbers = tuple[float, ...]
 

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.fft import dct, idct, rfft
 
-from drd_tools.diagnose.results import Array
+from drd.arrays import Array
 
 # Noise on a nearly constant signal must not be mistaken for a change: each width doubles the last.
 WIDTHS: Final = 5

@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.diagnose.error_model.covariance import FULL, UPPER, Gains, run
 from drd_tools.diagnose.error_model.path import Path, with_jumps, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
-from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import wrapped
 
 STATES: Final = 4  # x, y, heading, the gyro's bias

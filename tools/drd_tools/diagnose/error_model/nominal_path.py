@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from drd.arrays import Array, cumulative
 from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
-from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import wrapped
 
 ROUNDS: Final = 2  # the second linearises around a path that is already bent to the fixes
@@ -37,7 +37,7 @@ def _drift(e: Evidence, turn_rad: Array) -> Array:
     """Slow error of the gyro's turns, (n,), from the fixes: nothing is linear around a path half a turn off."""
     if not len(e.fix):
         return np.zeros(len(turn_rad))
-    heading = e.fix[0, 2] + np.concatenate([[0.0], np.cumsum(turn_rad)])
+    heading = e.fix[0, 2] + cumulative(turn_rad)
     off = _unwrapped(e.fix[:, 2] - np.interp(e.fix_time_s, e.edges_s, heading))
     first = np.flatnonzero(np.diff(e.fix_time_s // DRIFT_S, prepend=-np.inf))
     times_s, medians = ([np.median(part) for part in np.split(x, first[1:])] for x in (e.fix_time_s, off))
@@ -53,7 +53,7 @@ def _unwrapped(off_rad: Array) -> Array:
     leaps = np.diff(off_rad)
     turns = np.round(leaps / (2.0 * np.pi))
     is_slow = maximum_filter1d(np.abs(leaps - 2.0 * np.pi * turns), 3) < SLOWLY_RAD if len(leaps) else turns
-    return off_rad - 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(turns * is_slow)])
+    return off_rad - 2.0 * np.pi * cumulative(turns * is_slow)
 
 
 def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linear:

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from drd.arrays import Array, cumulative
 from drd_tools.diagnose.observe.evidence import Evidence
-from drd_tools.diagnose.results import Array
 
 PARTS: Final = 8  # of a step, for the heading within it
 
@@ -43,10 +43,10 @@ class Path:
 
 def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
     """Integrate turns and travel, (n,) each, from the pose `start` (3,). (7)"""
-    heading = start[2] + np.concatenate([[0.0], np.cumsum(turn_rad)])
+    heading = start[2] + cumulative(turn_rad)
     middle = 0.5 * (heading[1:] + heading[:-1])
-    x = start[0] + np.concatenate([[0.0], np.cumsum(forward_m * np.cos(middle))])
-    y = start[1] + np.concatenate([[0.0], np.cumsum(forward_m * np.sin(middle))])
+    x = start[0] + cumulative(forward_m * np.cos(middle))
+    y = start[1] + cumulative(forward_m * np.sin(middle))
     return Path(np.column_stack([x, y, heading]))
 
 
@@ -73,7 +73,7 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
     """
     edges = e.edges_s
     turn = turn_rad if e.gyro_rad is None else np.where(e.gyroless, turn_rad, e.gyro_rad)
-    heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
+    heading = CubicSpline(edges, cumulative(turn))
     inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
     off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
     travel = 0.5 * (e.left_m + e.right_m)

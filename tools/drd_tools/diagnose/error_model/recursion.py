@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from drd_tools.diagnose.results import Array
+from drd.arrays import Array
 
 BLOCK: Final = 8  # steps: longer ones cost more products, shorter ones more calls
 

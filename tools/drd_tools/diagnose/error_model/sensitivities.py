@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from drd.arrays import Array, cumulative
 from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
@@ -17,7 +18,6 @@ from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.lags import REFERENCE_LAG_S
-from drd_tools.diagnose.results import Array
 
 SUB = 4  # parts of a step, so that its mean follows the curvature within it
 SPEED_SMOOTHING_S = 0.3  # narrowest: limits the sharpness of changes of speed
@@ -47,7 +47,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     fine = _fine_s(e)
     middle = 0.5 * (fine[1:] + fine[:-1])
     counted = e.counted_m or (e.left_m, e.right_m)
-    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / e.radius_m for m in counted)
+    wl, wr = (np.interp(middle, edges, cumulative(m)) / e.radius_m for m in counted)
     temperature_c, still_c = _temperature_c(e, middle, float(np.median(e.step_s)))
     zero = np.zeros_like(middle)
     at_rest = Motion(
@@ -76,8 +76,8 @@ def _moving(motion: Motion, e: Evidence, path: Path, sharp: bool = False) -> Mot
     forward = 0.5 * (e.left_m + e.right_m)
     # At nearly constant speed, a column that follows the wheels' noise would explain the wheels by themselves.
     speed = _denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical, sharp)
-    distance = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
-    turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical, sharp))]))
+    distance = CubicSpline(edges, cumulative(speed * np.diff(edges)))
+    turned = CubicSpline(edges, cumulative(_turn(e, path, typical, sharp)))
     # Near a stop the wheels' noise is small: a column smeared across the stop would outweigh all others.
     smooth = np.diff(distance(edges))
     share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.special import bdtrc
 
+from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog, FogLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import Symptom
@@ -18,7 +19,6 @@ from drd_tools import robust
 from drd_tools.diagnose.observe.events import Event, runs
 from drd_tools.diagnose.observe.evidence import LONGEST_FIX_S, Evidence
 from drd_tools.diagnose.observe.stops import BELIEVED_TREAD, Tread, stopped
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
@@ -77,7 +77,7 @@ def _with_jumps(e: Evidence) -> Evidence:
     off_rad = np.zeros(len(gap_s))
     if e.gyro_rad is not None:
         edges = e.edges_s
-        off_rad = moved[:, 2] - np.diff(np.interp(at, edges, np.concatenate([[0.0], np.cumsum(e.gyro_rad)])))
+        off_rad = moved[:, 2] - np.diff(np.interp(at, edges, cumulative(e.gyro_rad)))
         off_rad = np.abs(off_rad - np.median(off_rad))
     sheet = e.datasheet
     is_jump = (off_m > JUMP_SIGMAS * sheet.position_m) | (off_rad > JUMP_SIGMAS * sheet.heading_rad)

@@ -9,13 +9,13 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from drd.arrays import Array, cumulative
 from drd.config.robot import Robot, data_sheet
 from drd.config.schema import ConfigError
 from drd.effects.effect import NOMINAL, Calibrated
 from drd.units import RAD_PER_DEG, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.diagnose.observe import grids
 from drd_tools.diagnose.observe.comparable import check_comparable
-from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
 
 FEWEST_STEPS: Final = 10  # fewer leave nothing to be fitted
@@ -204,7 +204,7 @@ class Evidence:
         if not np.any(delay_s):
             return increments
         edges = self.edges_s
-        total = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(increments)]))
+        total = CubicSpline(edges, cumulative(increments))
         at = edges + delay_s
         known = (at[:-1] >= edges[0]) & (at[1:] <= edges[-1])
         return np.where(known, np.diff(total(np.clip(at, edges[0], edges[-1]))), increments)
@@ -278,7 +278,7 @@ def _without_holes(e: Evidence, grid: grids.Grid) -> Evidence:
     """Fill long gaps of the gyro with the turns of the wheels, corrected for their lag."""
     wheels = None
     if e.has_wheels:
-        apart_m = np.interp(e.edges_s + e.robot.wheels_lag_s, e.edges_s, np.concatenate([[0.0], np.cumsum(e.apart_m)]))
+        apart_m = np.interp(e.edges_s + e.robot.wheels_lag_s, e.edges_s, cumulative(e.apart_m))
         turn = np.diff(apart_m) / (e.tread_m * e.robot.tread)
         slip_m2 = e.datasheet.inflated().slip_m_per_sqrt_m ** 2 * e.near_travel_m
         wheels = turn, (slip_m2 + 2.0 * e.left_inflation_m2) / e.tread_m**2

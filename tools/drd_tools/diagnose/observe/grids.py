@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
+from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import MISSING_ROWS
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.observe.events import runs
-from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
 # A fast gyro's rows are summed without loss. Longer steps would not follow the path within a turn.
@@ -193,7 +193,7 @@ def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
     lost = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s)))
     if log.is_lost is not None:
         lost |= log.is_lost[1:]
-    lost_s = np.diff(np.interp(edges, log.time_s, np.concatenate([[0.0], np.cumsum(lost * apart_s)])))
+    lost_s = np.diff(np.interp(edges, log.time_s, cumulative(lost * apart_s)))
     if speed_m_s[:2].any():  # else the wheels also stood before their first row
         lost_s[0] += max(float(log.time_s[0] - edges[0]), 0.0)
     return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.lag import held_s
-from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
 
 SAME_S: Final = 1e-3  # of a time: the digits of a log

@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import SIDE, SIDES, Symptom
 from drd_tools.calibrate.wheels.lag import held_s
 from drd_tools.diagnose.observe.events import Event, runs
 from drd_tools.diagnose.observe.evidence import LONGEST_FIX_S, Evidence
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
@@ -176,7 +176,7 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
     told = _headings(e, edges_s, least.tread_m, least.of_other_turns)
     if told is None:
         return None
-    other, headings = np.concatenate([[0.0], np.cumsum(its)]), told.heading_rad
+    other, headings = cumulative(its), told.heading_rad
     distance = other + sign * least.tread_m * headings[1]
     # A wheel that goes ahead and back may end where it began: use its largest distance.
     a, b = sorted((int(distance.argmin()), int(distance.argmax())))
@@ -212,7 +212,7 @@ def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _He
     time_s = time_s - e.robot.wheels_lag_s - (e.robot.lag_growth + 1.0 - e.robot.gyro_clock) * time_s
     times_s = time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]])
     if e.gyro_rad is not None:
-        heading = np.interp(times_s, e.edges_s, np.concatenate([[0.0], np.cumsum(e.gyro_rad)]))
+        heading = np.interp(times_s, e.edges_s, cumulative(e.gyro_rad))
         return _Headings(heading, 0.0, max(e.datasheet.bias_rad_s, LEAST_BIAS_RAD_S))
     at, sigma = e.fix_time_s, math.sqrt(2.0) * e.datasheet.heading_rad
     first, last = int(np.searchsorted(at, time_s[0], "right")) - 1, int(np.searchsorted(at, time_s[-1]))
@@ -221,7 +221,7 @@ def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _He
     if np.diff(at[first : last + 1]).max() < LONGEST_FIX_S:
         return _Headings(np.interp(times_s, at, e.fix[:, 2]), sigma)
     # Between sparse fixes the turn of the rest is the whole turn less the wheels' turns before and after.
-    wheels = np.concatenate([[0.0], np.cumsum(e.apart_m)]) / tread_m
+    wheels = cumulative(e.apart_m) / tread_m
     edges_s = np.array([at[first], time_s[0], time_s[-1], at[last]])
     before, _, after = np.diff(np.interp(edges_s, e.edges_s, wheels))
     turn = math.remainder(e.fix[last, 2] - e.fix[first, 2] - before - after, math.tau)

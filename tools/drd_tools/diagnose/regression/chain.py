@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array, cumulative
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.sensitivities import Change, Sensitivities
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values
 
 NODES: Final = 4  # of a cubic
@@ -95,7 +95,7 @@ class _Late:
         """Increments (n,) of the delayed samples of the sum of `increments` (n,), which may also be 0."""
         if not isinstance(increments, np.ndarray):
             return increments
-        total = np.concatenate([[0.0], np.cumsum(increments)])
+        total = cumulative(increments)
         late: Array = np.sum([weight * total[self.first + j] for j, weight in enumerate(self.weights)], axis=0)
         return np.diff(late)
 

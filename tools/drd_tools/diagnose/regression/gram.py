@@ -4,7 +4,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from drd_tools.diagnose.results import Array
+from drd.arrays import Array
 
 FIRST, MOST = 64, 1024  # columns, at first and at most (8 MB of products)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.results import Array
+from drd.arrays import Array
 
 
 class Marginal:

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
@@ -22,7 +23,7 @@ from drd_tools.diagnose.regression.residuals import (
     students,
     tails,
 )
-from drd_tools.diagnose.results import Array, Figures
+from drd_tools.diagnose.results import Figures
 
 BELIEVED: Final = 1.5  # a data sheet is right within about this factor
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
@@ -18,7 +19,6 @@ from drd_tools.diagnose.error_model.sensitivities import Change, Sensitivities, 
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.regression.chain import Readings, beside, chain_of, delays_s, has_clock, stamped_later_s
 from drd_tools.diagnose.regression.gram import Gram
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
 
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted, factors_of
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 ROUNDS: Final = 12  # at most, fewer on convergence: limits the time

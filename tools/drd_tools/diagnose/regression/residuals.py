@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, ndtri, stdtrit
 
+from drd.arrays import Array
 from drd_tools import robust
-from drd_tools.diagnose.results import Array
 
 FEWEST_ROWS: Final = 50  # fewer determine a deviation to 12 % or worse
 ROWS_PER_PRIOR: Final = 30  # weight of the prior of 1, in rows

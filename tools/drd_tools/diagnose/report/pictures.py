@@ -6,10 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.diagnose.conclude.outcome import BAND_SIGMAS
 from drd_tools.diagnose.report.place_map import place_map
 from drd_tools.diagnose.report.text import named_quantity, pretty
-from drd_tools.diagnose.results import Array, Scatter
+from drd_tools.diagnose.results import Scatter
 from drd_tools.diagnose.series import Bar, Drive, Gain, Line, Mismatch, Paths, Residual, Spread
 from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
 

@@ -6,8 +6,9 @@ from typing import Final
 
 from msgspec import UnsetType
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Finding, HeldOut, NextDrive, Result
+from drd_tools.diagnose.results import Finding, HeldOut, NextDrive, Result
 from drd_tools.diagnose.series import Bar, Gain, Mismatch, Series
 
 WHAT_HEADER: Final = ("finding", "description", "parameters (± 1 sigma)")

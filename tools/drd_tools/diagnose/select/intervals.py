@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START, Effect
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected, Values, parameter
 
 Columns = npt.NDArray[np.float32]

@@ -8,12 +8,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.error_model.linear import COLUMNS, Sensitivity
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interval
 from drd_tools.diagnose.selected import BIAS, SCALE, Prior, Selected, Values, linear_names
 

@@ -8,11 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
+from drd.arrays import Array, cumulative
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import FREE, nuisance_design
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 FEWEST_TURNS: Final = 3.0  # of a wheel: with fewer, no order can be distinguished from its own turn
@@ -93,7 +93,7 @@ def ripples(problem: Problem, selection: Sequence[Selected], least_nats: float, 
 def _angle(problem: Problem, side: str) -> Array:
     """Angle of a wheel at the steps' edges, (n + 1,)."""
     e = problem.evidence
-    return np.concatenate([[0.0], np.cumsum(e.left_m if side == "left" else e.right_m)]) / e.radius_m
+    return cumulative(e.left_m if side == "left" else e.right_m) / e.radius_m
 
 
 def _waves(problem: Problem, side: str, order: float) -> Array:

@@ -6,12 +6,12 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.effect import END, START
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_columns, nuisance_design
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Columns, joined, moved, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
 from drd_tools.diagnose.selected import Selected, parameter, shape_of

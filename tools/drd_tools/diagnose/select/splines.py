@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.effect import Errors, apart, both
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
@@ -16,7 +17,6 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
-from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 KNOTS: Final = 8  # a curve resolves an eighth of the range: limits its freedom

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.batch.run import zero_for_terms
 from drd.batch.samples import MISSING_ROWS
 from drd.config.keys import Robot
 from drd.effects.compensation import Compensation
 from drd.samples import CalibratedRate
 from drd.units import DEG_PER_RAD, NS_PER_S
-from drd_tools.diagnose.results import Array, Figures
+from drd_tools.diagnose.results import Figures
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import with_model
 

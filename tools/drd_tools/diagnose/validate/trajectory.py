@@ -7,9 +7,10 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Figures, Finding, Verdict
+from drd_tools.diagnose.results import Figures, Finding, Verdict
 from drd_tools.diagnose.series import Drive, Line, Paths
 from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.alignment import align
