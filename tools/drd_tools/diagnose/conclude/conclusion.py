@@ -37,6 +37,7 @@ from drd_tools.diagnose.selected import SCALE, Selected
 # A world slightly unlike the model gives this much to some name or curve: weaker causes are not reported. Found by
 # the trial.
 LEAST_NATS: Final = 12.0
+CONSTANT_NATS: Final = 4.5  # 3 sigmas: nobody chose it from the catalogue, the calibrator measures it in any drive
 FAILING_NATS: Final = -0.01  # of both halves: 0 up to rounding, neither for nor against
 # An unnamed curve, beside all names, must not be the mere remainder of a name's imperfect form.
 UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: an error of form of 14 % of their size
@@ -227,13 +228,14 @@ def _held(
     stays = search.known.union(expected)
     while others := [one for one in fit.selection if one.id not in stays]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
-        worth = [rest.cost - fit.cost for rest in rests]
-        least = int(np.argmin(worth))
-        if worth[least] >= LEAST_NATS:
+        needed = [CONSTANT_NATS if one.id in constants else LEAST_NATS for one in others]
+        beyond = [rest.cost - fit.cost - nats for rest, nats in zip(rests, needed, strict=True)]
+        least = int(np.argmin(beyond))
+        if beyond[least] >= 0.0:
             break
         name, rest = others[least].id, rests[least]
         # Without a constant that is far off, the others are linearised around the wrong path.
-        if name in constants and linearised(problem, rest, found.null).fit.cost - fit.cost >= LEAST_NATS:
+        if name in constants and linearised(problem, rest, found.null).fit.cost - fit.cost >= CONSTANT_NATS:
             stays = stays | {name}
         else:
             fit = rest
