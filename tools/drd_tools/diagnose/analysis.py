@@ -7,8 +7,10 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
+from drd.effects.effect import Begins
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.combine.expected import Expected, borne_out
+from drd_tools.diagnose.conclude.cause import named
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.reference import CLEARLY, apart
 from drd_tools.diagnose.conclude.scatter import scatter_of
@@ -96,19 +98,24 @@ def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis
 
 
 def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
-    """Errors of the reference, and effects attributed to it."""
+    """Errors of the reference, and effects attributed to it.
+
+    Without a gyro, the clocks drift apart as their timing shows: a fit's rate is also a scale of the wheels' travel.
+    """
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
     found = apart(conclusion.found.problem, conclusion.found.fit)
+    nuisances, by_unit = {**found.nuisances}, {**found.by_unit}
+    if conclusion.found.problem.evidence.gyro_rad is None and measured.robot.lag_growth:
+        by_unit["ppm"] = -measured.robot.lag_growth, measured.sigma.lag_growth
+        is_named = any(c.effect.begins is Begins.GROWING for c in named(conclusion.causes))
+        nuisances[DRIFT] = (0.0, 0.0) if is_named else by_unit["ppm"]
     for nuisance, (name, unit, si) in FAULT_OF_NUISANCE.items():
-        value, sigma = found.nuisances.get(nuisance, (0.0, 0.0))
+        value, sigma = nuisances.get(nuisance, (0.0, 0.0))
         # Negative smoothing is impossible: no reference is sharper than the truth.
         if value > CLEARLY * sigma or (nuisance != SMOOTHING and value < -CLEARLY * sigma):
             faults[name] = Amount(value / si, sigma / si, unit)
     if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
         faults["jumps"] = Amount(float(jumps), 0.0, "1")
-    by_unit = {**found.by_unit}
-    if measured.robot.lag_growth:  # a fit's clock rate is also a scale of the wheels' travel
-        by_unit["ppm"] = (-measured.robot.lag_growth, measured.sigma.lag_growth)
     for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):
         value, sigma = by_unit[q.unit]
         faults[FAULT_OF_UNIT[q.unit]] = Amount(value / q.si, sigma / q.si, q.unit)
