@@ -144,7 +144,7 @@ class RowMaker:
         rolled = [now - np.interp(begins, at_s, total) for now, total in zip(totals, (left, right), strict=True)]
         hole = np.diff(at_s) > STALE_S
         hole |= is_new[1:]
-        holes = cumulative(hole * 1.0)
+        holes = cumulative(hole)
         k0, k1 = np.searchsorted(at_s, begins - 1e-9, "right"), np.searchsorted(at_s, ends - 1e-9)
         size = len(at_s)
         good &= (k0 > 0) & (k1 < size)

@@ -43,6 +43,7 @@ from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.route import Route
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
+from drd_tools.trial.overlay import planted
 
 SHARED = Path(__file__).parents[4] / "shared" / "recordings"
 
@@ -488,13 +489,9 @@ def test_a_real_counter_that_starts_late_has_not_stopped_where_slip_makes_anothe
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
 def test_a_real_tread_is_found_where_its_turns_are_so_rough_that_they_say_little() -> None:
     """Four turns on the spot show -8.5 % by 8.8 nats: 4 sigmas of what the calibrator measures in any drive."""
+    narrow = selected("tread_error", k=-0.0854)
     recording = read_recording(SHARED / "optiodom_square_231220200029_run-01")
-    log = recording.encoders
-    assert log.left_counts is not None
-    assert log.right_counts is not None
-    middle, half = 0.5 * (log.left_counts + log.right_counts), 0.5 * (log.right_counts - log.left_counts)
-    left, right = np.round(middle - half * (1.0 - 0.0854)), np.round(middle + half * (1.0 - 0.0854))
-    causes = analyse(replace(recording, wheels=replace(log, left_counts=left, right_counts=right))).conclusion.causes
+    causes = analyse(planted(recording, narrow.effect, narrow.values)).conclusion.causes
     found = {c.effect: c.selected for c in causes if c.status is not Status.SUSPECTED}
     assert found.keys() == {"tread_error"}
     tread = found["tread_error"]

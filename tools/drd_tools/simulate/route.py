@@ -44,7 +44,7 @@ class Route:
         limit = np.minimum(speed_m_s, np.minimum(RATE_LIMIT_RAD_S / bend, np.sqrt(LATERAL_M_S2 / bend)))
         cell_m = np.full(cells, length_m / cells)
         self._cells.append((cell_m, curvature_per_m, limit))
-        heading = self.heading_rad + _nodes(cell_m * curvature_per_m)
+        heading = self.heading_rad + cumulative(cell_m * curvature_per_m)
         middle = 0.5 * (heading[1:] + heading[:-1])
         self.x_m += float(cell_m @ np.cos(middle))
         self.y_m += float(cell_m @ np.sin(middle))
@@ -144,14 +144,10 @@ def _cells(length_m: float) -> int:
     return max(5, math.ceil(abs(length_m) / CELL_M))
 
 
-def _nodes(steps: Array) -> Array:
-    return cumulative(steps)
-
-
 def _riding(length_m: Array, curvature_per_m: Array, limit_m_s: Array, sign: float) -> Steps:
     """Move through cells, shape (n,) each, from standstill to standstill; `sign` -1 is backwards."""
     travel_m = _ride(length_m, limit_m_s, ACCELERATION_M_S2)
-    heading = np.interp(travel_m, _nodes(length_m), _nodes(length_m * curvature_per_m))
+    heading = np.interp(travel_m, cumulative(length_m), cumulative(length_m * curvature_per_m))
     return Steps(sign * np.diff(travel_m), sign * np.diff(heading))
 
 
@@ -165,15 +161,15 @@ def _turning(angle_rad: float, rate_rad_s: float) -> Steps:
 
 def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
     """Compute the travel at every STEP_S, from standstill to standstill, through cells with speed limits."""
-    along = _nodes(cell)
+    along = cumulative(cell)
     squared = np.concatenate(([0.0], np.minimum(limit[1:], limit[:-1]) ** 2, [0.0]))
     gained = 2.0 * acceleration * along  # v^2 = v0^2 + 2 a s, forward and backward
     squared = np.minimum.accumulate(squared - gained) + gained
     squared = (np.minimum.accumulate((squared + gained)[::-1]) - gained[::-1])[::-1]
     speed = np.sqrt(np.maximum(squared, 0.0))
-    reached_s = _nodes(2.0 * cell / np.maximum(speed[1:] + speed[:-1], 1e-6))
+    reached_s = cumulative(2.0 * cell / np.maximum(speed[1:] + speed[:-1], 1e-6))
     ticks = np.arange(math.ceil(reached_s[-1] * RATE_HZ) + 1) * STEP_S
     kernel = np.hanning(round(SMOOTHING_S * RATE_HZ))
-    path = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
+    path = cumulative(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
     path[-1] = along[-1]
     return np.asarray(np.minimum(path, along[-1]))

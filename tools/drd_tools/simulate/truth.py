@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drd.arrays import Array
+from drd.arrays import Array, cumulative
 from drd_tools.simulate.missions import Drive
 from drd_tools.simulate.route import STEP_S
 from drd_tools.simulate.temperature import temperature_c
@@ -61,7 +61,7 @@ class Truth:
     @cached_property
     def distance_m(self) -> Array:
         """Travel at the states: forward minus backward, from 0."""
-        return np.concatenate(([0.0], np.cumsum(self.speed_m_s) * STEP_S))
+        return cumulative(self.speed_m_s) * STEP_S
 
     @cached_property
     def _places(self) -> Array:
@@ -86,7 +86,7 @@ def make_truth(drive: Drive, temperature: str = "warmup") -> Truth:
     x, y, heading = drive.start
     n = len(forward)
     speed, lateral = forward / STEP_S, np.zeros(n)
-    headings = np.concatenate(([heading], heading + np.cumsum(turned)))
+    headings = heading + cumulative(turned)
     middle_s = np.asarray(STEP_S * (np.arange(n) + 0.5))
     temperatures = temperature_c(temperature, middle_s, n * STEP_S)
     return Truth(
@@ -98,5 +98,5 @@ def _path(speed: Array, lateral: Array, heading: Array, start: tuple[float, floa
     middle = 0.5 * (heading[1:] + heading[:-1])
     c, s = np.cos(middle) * STEP_S, np.sin(middle) * STEP_S
     steps = (speed * c - lateral * s, speed * s + lateral * c)
-    x, y = (np.concatenate(([at], at + np.cumsum(step))) for at, step in zip(start, steps, strict=True))
+    x, y = (at + cumulative(step) for at, step in zip(start, steps, strict=True))
     return x, y

@@ -1,6 +1,5 @@
 """The conclusion: which selected effects are causes, which causes have no name, and which effects are ruled out."""
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -21,7 +20,7 @@ from drd_tools.diagnose.conclude.judgement import (
     margin,
 )
 from drd_tools.diagnose.conclude.reference import BARELY, over_the_reference
-from drd_tools.diagnose.conclude.rivals import LEAST_PROBABILITY, at_odds, near_sets, unique
+from drd_tools.diagnose.conclude.rivals import LEAST_PROBABILITY, beside_nothing, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.events import Event
@@ -116,11 +115,11 @@ def conclude(
 
 def _or_the_reference(cause: Cause, odds: float) -> Cause:
     """A delay or clock rate at these odds that it is more than the reference's own; any other cause as it is."""
-    rest = 0.0 if math.isinf(odds) else 1.0 / (1.0 + odds)
+    rest = 1.0 / (1.0 + odds)
     if rest < LEAST_PROBABILITY:
         return cause
     text = f"{cause.sentence} Without a gyro, it may also be the reference's own (probability {rest:.2g})."
-    return replace(cause, probabilities=at_odds(cause.probabilities, odds), sentence=text)
+    return replace(cause, probabilities=beside_nothing(cause.probabilities, rest), sentence=text)
 
 
 def _straight(found: Found) -> Found:

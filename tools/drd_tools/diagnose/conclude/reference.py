@@ -89,8 +89,7 @@ def _by_timing(problem: Problem, selected: Selected) -> Selected:
     In a fit, it is also a scale of the wheels' travel, and N takes a part of the growth.
     """
     robot = problem.evidence.robot
-    is_growing = selected.effect.begins is Begins.GROWING and robot.lag_growth
-    if not is_growing or math.isinf(_odds(problem, selected)):
+    if selected.effect.begins is not Begins.GROWING or problem.evidence.gyro_rad is not None or not robot.lag_growth:
         return selected
     return replace(selected, values={**selected.values, **(selected.effect.calibrated(robot) or {})})
 

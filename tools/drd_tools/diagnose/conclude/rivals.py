@@ -61,11 +61,10 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
     return {n: w / sum(kept.values()) for n, w in sorted(kept.items(), key=lambda item: -item[1])}
 
 
-def at_odds(probabilities: Mapping[str, float], odds: float) -> dict[str, float]:
-    """Scale the probabilities of names to these odds that the robot has any effect at all, against "nothing"."""
-    something = 1.0 if math.isinf(odds) else odds / (1.0 + odds)
-    scaled = {name: something * p for name, p in probabilities.items()}
-    scaled[NOTHING] = scaled.get(NOTHING, 0.0) + 1.0 - something
+def beside_nothing(probabilities: Mapping[str, float], nothing: float) -> dict[str, float]:
+    """Probabilities of names, scaled to leave this one that the robot has no effect at all."""
+    scaled = {name: (1.0 - nothing) * p for name, p in probabilities.items()}
+    scaled[NOTHING] = scaled.get(NOTHING, 0.0) + nothing
     return {name: p for name, p in sorted(scaled.items(), key=lambda item: -item[1]) if p > 0.0}
 
 
