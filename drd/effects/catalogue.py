@@ -21,6 +21,16 @@ def catalogue() -> dict[str, Effect]:
     return {effect.id: effect for effect in sorted(found, key=lambda e: (order.index(e.acts_on), not e.geometry, e.id))}
 
 
+def acting_order(effect: Effect) -> int:
+    """Position of an effect in the order in which the effects act."""
+    return _positions()[effect.id]
+
+
+@functools.cache
+def _positions() -> dict[str, int]:
+    return {name: i for i, name in enumerate(catalogue())}
+
+
 def showing(symptom: Symptom) -> Effect:
     """The effect that shows this symptom in raw readings."""
     return next(effect for effect in catalogue().values() if effect.symptom is symptom)

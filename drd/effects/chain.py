@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drd.arrays import Array
-from drd.effects.catalogue import catalogue
+from drd.effects.catalogue import acting_order
 from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.motion import Motion
 
@@ -20,9 +20,8 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
     A wheel turns as its counter reports, apart from the counter's unevenness: a larger wheel turns less.
     Effects of the body act first, so they see the true rate. The motion given is not changed.
     """
-    order = list(catalogue())
     lateral_m_s: Array = np.zeros_like(motion.time_s)
-    for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
+    for effect, values in sorted(effects, key=lambda pair: acting_order(pair[0])):
         error = effect.error(motion, values)
         left_m_s, right_m_s = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
         if effect.acts_on is ActsOn.WHEELS and not effect.uneven:

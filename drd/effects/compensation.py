@@ -8,6 +8,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.config.keys import Robot
+from drd.effects.catalogue import acting_order
 from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.live import Clip, LiveMotion, Trend, scalar
 from drd.effects.model import Term
@@ -84,9 +85,18 @@ class Compensation:
         self, terms: Sequence[Term], robot: Robot, has_gyro: bool, zero_ns: int | None = None, end_s: float = math.inf
     ):
         self._m = m = LiveMotion(robot.tread_m, robot.wheel_radius_m, end_s)
-        live = [LiveTerm(m, term) for term in reversed(in_order(terms))]
+        in_reverse = sorted(terms, key=lambda term: acting_order(term.effect), reverse=True)
+        live = [LiveTerm(m, term) for term in in_reverse]
         self._gyro = [t for t in live if t.effect.channel == "gyro"]
-        self._wheels = [t for t in live if t.effect.channel == "wheels" and t.effect.acts_on is not ActsOn.TIMING]
+        wheels = [t for t in live if t.effect.channel == "wheels" and t.effect.acts_on is not ActsOn.TIMING]
+        # Geometry acts first, and is linear unless it is clipped: it is removed last, by one product.
+        geometry = [t for t in wheels if t.effect.geometry]
+        G = _geometry(m, geometry[::-1])
+        largest, smallest = np.linalg.svd(G, compute_uv=False) - 1.0
+        if any(t.clip.is_bounded for t in geometry) or not SLOPES[0] < smallest <= largest < SLOPES[1]:
+            geometry, G = [], np.eye(2)
+        self._inverse_geometry = tuple(map(tuple, np.linalg.inv(G).tolist()))
+        self._wheels = wheels[: len(wheels) - len(geometry)]
         self._body = [t for t in live if t.effect.channel == "body"]
         self._timing = [t for t in live if t.effect.acts_on is ActsOn.TIMING]
         self.relative_tread = math.prod(t.effect.relative_tread(t.values) for t in live)
@@ -159,6 +169,8 @@ class Compensation:
             for term in self._wheels:
                 # Start from the error of the previous pass, which is nearly the same.
                 left, right = self._solve(term, term.wheels, (m.left_m_s, m.right_m_s), (left, right), term.error)
+            (ll, lr), (rl, rr) = self._inverse_geometry
+            left, right = ll * left + lr * right, rl * left + rr * right
             # Falls at least as fast as x grows (more acceleration, more slip to remove), so the root is near.
             off = 0.5 * (left + right) - x
             if abs(off) < SPEED_SOLVED_M_S:
@@ -291,10 +303,15 @@ class Compensation:
         self._still_count += 1
 
 
-def in_order(terms: Sequence[Term]) -> list[Term]:
-    """Sort terms by the order in which their effects act."""
-    acts = list(ActsOn)
-    return sorted(terms, key=lambda term: (acts.index(term.effect.acts_on), term.effect.id))
+def _geometry(m: LiveMotion, terms: Sequence[LiveTerm]) -> Array:
+    """Speeds that the counters of left and right wheel report, (2, 2), of unit speeds of each; terms as they act."""
+    G = np.eye(2)
+    for i in range(2):
+        for term in terms:
+            m.left_m_s[0], m.right_m_s[0] = G[:, i]
+            G[:, i] += term.wheels()
+    m.left_m_s[0] = m.right_m_s[0] = 0.0
+    return G
 
 
 def initial_of(terms: Sequence[Term]) -> dict[str, float]:
