@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
-from drd.effects.catalogue import catalogue
+from drd.effects.catalogue import acting_order
 from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Sensitivity
@@ -22,9 +22,8 @@ NODES: Final = 4  # of a cubic
 
 def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
     """Selected effects that change how others act, in the order in which they act: geometry, and delays."""
-    order = list(catalogue())
     chained = (c for c in selection if c.effect.geometry or _is_delay(c.effect))
-    return tuple(sorted(chained, key=lambda c: order.index(c.id)))
+    return tuple(sorted(chained, key=lambda c: acting_order(c.effect)))
 
 
 def _is_delay(effect: Effect) -> bool:
@@ -115,14 +114,22 @@ class Readings:
     @cached_property
     def motion(self) -> Motion:
         """The motion, with the wheels' speeds as counted with the chain's geometry."""
-        return _with(self.sensitivities.motion, [c for c in self.chain if c.effect.geometry])
+        return self._with_geometry(self.sensitivities.motion)
+
+    def _with_geometry(self, motion: Motion) -> Motion:
+        return _with(motion, [c for c in self.chain if c.effect.geometry])
+
+    def without_geometry(self, left_m: Array, right_m: Array) -> Array:
+        """Travel (2, n) of the wheels that their counters report, with the chain's geometry, as `left_m`, `right_m`."""
+        left, right = np.eye(2)  # the geometry is linear in both speeds
+        counted = self._with_geometry(replace(self.sensitivities.motion, left_m_s=left, right_m_s=right))
+        return np.linalg.solve([counted.left_m_s, counted.right_m_s], [left_m, right_m])
 
     def of_wheels(self, effect: Effect | None = None) -> Motion:
         """The motion as counted, with the part of the chain before an effect, or with the whole chain."""
         if effect is not None and effect.acts_on is ActsOn.WHEELS and not effect.geometry:
             return self.motion
-        order = list(catalogue())
-        before = [c for c in self.chain if effect is None or order.index(c.id) < order.index(effect.id)]
+        before = [c for c in self.chain if effect is None or acting_order(c.effect) < acting_order(effect)]
         motion = self.sensitivities.sharp if effect is None else self.sensitivities.motion_of(effect)
         return _with(motion, before)
 

@@ -160,6 +160,7 @@ class Problem:
         raw = self.evidence
         gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
+        readings = Readings(self.sensitivities, chain_of(selection))
         clear, body, added, last = raw, Sensitivity(), Sensitivity(), math.inf
         # No reading has the travel that a stopped counter lost: repeating does not improve it.
         is_lost = any(c.effect.irreversible for c in selection)
@@ -167,7 +168,7 @@ class Problem:
             if i:  # along the motion that is already cleared
                 # If no fix constrains the path, the old one would drag shifted turns back to their old place.
                 sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
-                readings = Readings(sensitivities, chain_of(selection))
+                readings = Readings(sensitivities, readings.chain)
                 body, added = sensitivities.body, Sensitivity()
                 for selected in selection:
                     added = added + readings.sensitivity(selected.effect, selected.values)
@@ -175,8 +176,10 @@ class Problem:
             gyro = raw.gyro_rad
             if gyro is not None:
                 gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
-            left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
-            right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
+            others_m = raw.left_m - body.left_m - added.left_m, raw.right_m - body.right_m - added.right_m
+            left_m, right_m = readings.without_geometry(*others_m)
+            left = body.left_m + raw.earlier(left_m, wheels_s)
+            right = body.right_m + raw.earlier(right_m, wheels_s)
             cleared = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
             change = _change(clear, cleared) if i else math.inf
             if change > last:  # effects larger than the motion: it diverges
