@@ -23,12 +23,7 @@ def catalogue() -> dict[str, Effect]:
 
 def acting_order(effect: Effect) -> int:
     """Position of an effect in the order in which the effects act."""
-    return _positions()[effect.id]
-
-
-@functools.cache
-def _positions() -> dict[str, int]:
-    return {name: i for i, name in enumerate(catalogue())}
+    return list(catalogue()).index(effect.id)
 
 
 def showing(symptom: Symptom) -> Effect:

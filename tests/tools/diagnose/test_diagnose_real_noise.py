@@ -116,6 +116,17 @@ def test_noise_does_not_take_the_place_of_slip_where_no_gyro_tells_it() -> None:
     assert (ratios(found.found.problem)["slip"] or 0.0) < 2.0
 
 
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize(("t0", "left", "right"), [(67.1, 0.095, 0.085), (75.95, 0.195, 0.051)])
+def test_slip_of_half_a_minute_does_not_stay_in_the_long_run_variance(t0: float, left: float, right: float) -> None:
+    recording = read_recording(SHARED / "warthog_asphalt_2024_9_25_12h8s57")
+    slip = selected("surface_slip", t0=t0, t1=t0 + 30.0, left=left, right=right)
+    found = analyse(planted(recording, slip.effect, slip.values)).conclusion
+    (one,) = (c for c in found.found.fit.selection if c.id == "surface_slip")
+    assert one.number("t0") == pytest.approx(t0, abs=2.0)
+    assert one.number("left") == pytest.approx(left, abs=3.0 * one.sigma("left"))
+
+
 @pytest.mark.parametrize(("share", "ahead"), [(0.25, True), (0.65, True), (0.75, False), (1.0, False)])
 def test_a_reference_that_scatters_by_less_than_it_states_is_off_by_the_rest(share: float, ahead: bool) -> None:
     """Where 10 mm are stated and the fixes scatter by 2.5 mm, a lever arm of some 9.7 mm is nobody's physics."""

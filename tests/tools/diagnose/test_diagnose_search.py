@@ -141,6 +141,20 @@ def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
     assert any("wheel_eccentricity" in names for names in named)
 
 
+@pytest.mark.parametrize("measured", [0.0, 0.004])
+def test_a_constant_that_was_measured_is_held_as_closely_in_the_search_as_in_the_fit(measured: float) -> None:
+    """A free radius would take most of a long slip of its wheel."""
+    p = problem(WAREHOUSE, 3)
+    slip = selected("surface_slip", t0=20.0, t1=80.0, left=0.01, right=0.0)
+    p = p.exact().with_data(np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([slip]))
+    prior = {"left": (measured, 0.0005), "right": (0.0, 0.0005)}
+    fit = refine(p, [replace(selected("wheel_radius_error", left=0.0, right=0.0), prior=prior)])
+    gain, best = next((g, c) for g, c in Search(p).ranked(fit) if c.id == "surface_slip")
+    sizes = tuple(name for name in best.free if name not in ("t0", "t1"))
+    beside = refine(p, [*fit.selection, replace(best, free=sizes)])
+    assert gain + p.penalty([best]) == pytest.approx(refine(p, fit.selection).cost - beside.cost, rel=0.05)
+
+
 def test_columns_that_what_is_held_explains_belong_to_no_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
     beside = Sets._beside
 

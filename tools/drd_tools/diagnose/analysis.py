@@ -1,5 +1,6 @@
 """Analysis of one recording, from evidence to conclusion."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -21,16 +22,20 @@ from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import WHEELS, fitted, inflated, ratios, scaled, score_with_noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
-from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.results import Amount, Figures, Scatter
+from drd_tools.diagnose.select.intervals import moved
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
+from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.start import Start, started
+from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.series import Spread
 from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second fits the noise without the effects that the first mistook for noise
 ROUGH_ROUNDS: Final = 4  # if the data are far from the model
+SETTLING_ROUNDS: Final = 4  # later rounds add the same to the scores of all sets
 GROWING_ROUNDS: Final = 8  # if the noise must be refitted after a set that explains much: limits the time
 # Long-run deviation of the wheels' noise that reduces an effect of d = 8 from 32 nats to 14, the cost of some.
 HIDING: Final = 1.5
@@ -155,9 +160,7 @@ def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
     """Search and fit the noise alternately; the problem before any effect, with the last noise, and the result."""
     problem = problem if start.constants else converged(problem, start.known)
     searched = _with_its_noise(problem, start, coarse_search(problem, start.known, start.constants))
-    if (hidden := _beside_less_noise(searched, start)) is not None:
-        return max(searched, hidden, key=lambda s: score_with_noise(s[1].problem, s[1].fit))
-    return searched
+    return _with_hidden(searched, start)
 
 
 def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Problem, Found]:
@@ -178,21 +181,51 @@ def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Probl
     return problem, full_search(found, start.held)
 
 
-def _beside_less_noise(searched: tuple[Problem, Found], start: Start) -> tuple[Problem, Found] | None:
-    """A larger set, with its own noise, that the long-run variance beside a smaller set may hide; None if none exists.
+def _with_hidden(searched: tuple[Problem, Found], start: Start) -> tuple[Problem, Found]:
+    """Continue a search with an effect of an interval that the long-run variance hides, if one is likelier. (78)
 
     A slip of half a minute is part of the long-run variance until it is removed, and gains nothing beside it.
     """
     problem, found = searched
-    its, long_run = found.problem, found.problem.inflation.wheels
-    if not start.constants or float(np.median(long_run)) < HIDING:
-        return None
-    less = its.inflation._replace(wheels=np.sqrt(long_run))
-    beside = problem.with_noise(its.noise, its.fix_inflation, less)
-    larger = coarse_search(beside, start.known, start.constants, found)
-    if len(larger.fit.selection) <= len(found.fit.selection):
-        return None
-    return _with_its_noise(problem, start, larger)
+    its, long_run = found.problem, float(np.median(found.problem.inflation.wheels))
+    if not start.constants or long_run < HIDING:
+        return searched
+    less = its.inflation._replace(wheels=math.sqrt(long_run))
+    plain = linearised(problem.with_noise(its.noise, its.fix_inflation, less), found.fit, found.null)
+    candidates = [found, *_with_intervals(plain)]
+    if len(candidates) == 1:
+        return searched
+    best = max(candidates, key=lambda candidate: _settled_score(searched, candidate))
+    return searched if best is found else _with_its_noise(problem, start, best)
+
+
+def _with_intervals(found: Found) -> list[Found]:
+    """What was found with the best interval of each effect that is limited to one and worth its cost."""
+    problem, fit = found.problem, found.fit
+    best: dict[str, Selected] = {}
+    for _, one in Sets(problem, fit.selection).ranked():
+        if one.interval_s is not None:
+            best.setdefault(one.id, one)
+    made = []
+    for one in best.values():
+        near = [one, *moved([one], float(np.ptp(problem.evidence.edges_s)))]
+        fits = refine_all(problem, [[*fit.selection, other] for other in near])
+        made.append(replace(found, fit=min(fits, key=lambda tried: tried.cost)))
+    return made
+
+
+def _settled_score(searched: tuple[Problem, Found], candidate: Found) -> float:
+    """Score of a candidate with its own noise, fitted in some rounds from that of the search.
+
+    The noise converges slowly: of two sets, the one with more rounds would seem likelier.
+    """
+    problem, found = searched
+    made = linearised(found.problem, candidate.fit, candidate.null)
+    for _ in range(SETTLING_ROUNDS):
+        noise, fix_inflation = fitted(made.problem, made.fit, searched=True)
+        inflation = inflated(made.problem, made.fit.left, noise)
+        made = linearised(problem.with_noise(noise, fix_inflation, inflation), made.fit, made.null)
+    return score_with_noise(made.problem, made.fit)
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

@@ -177,6 +177,8 @@ def _at_likeliest_moments(problem: Problem, fit: Fit) -> Fit:
     """
     length_s = float(np.ptp(problem.evidence.edges_s))
     for i, one in enumerate(fit.selection):
+        if one.end_s is not None:
+            continue
         before, after = fit.selection[:i], fit.selection[i + 1 :]
         fits = refine_all(problem, [[*before, other, *after] for other in moved([one], length_s)])
         fit = min([fit, *fits], key=lambda f: f.cost)

@@ -123,7 +123,7 @@ class Readings:
         """Travel (2, n) of the wheels that their counters report, with the chain's geometry, as `left_m`, `right_m`."""
         left, right = np.eye(2)  # the geometry is linear in both speeds
         counted = self._with_geometry(replace(self.sensitivities.motion, left_m_s=left, right_m_s=right))
-        return np.linalg.solve([counted.left_m_s, counted.right_m_s], [left_m, right_m])
+        return np.asarray(np.linalg.solve([counted.left_m_s, counted.right_m_s], [left_m, right_m]), float)
 
     def of_wheels(self, effect: Effect | None = None) -> Motion:
         """The motion as counted, with the part of the chain before an effect, or with the whole chain."""

@@ -249,6 +249,18 @@ def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
     return np.column_stack(nuisance_columns(problem, selection))
 
 
+def with_priors(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
+    """`nuisance_design`, but parameters that were measured have their priors; and the data less the effects (r,), at
+    the means of those.
+    """
+    shapes, _ = nuisance_columns(problem, selection)
+    T, (off, weight) = problem.tangents(selection), _measured(selection)
+    sizes = FREE / np.maximum(np.linalg.norm(T, axis=0), math.sqrt(UNSEEN))
+    sizes[weight > 0.0] = weight[weight > 0.0] ** -0.5
+    left = problem.data - problem.effect_rows(selection) + T @ off
+    return np.column_stack([shapes, problem.nuisance, T * sizes]), left
+
+
 def precisions(selected: Selected) -> Array:
     """Inverse prior variances (k,) of the free parameters, from their plausible sizes."""
     sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(selected.parameter, selected.free)]

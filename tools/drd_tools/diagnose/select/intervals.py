@@ -140,15 +140,15 @@ def joined(selection: Sequence[Selected]) -> list[tuple[tuple[Selected, Selected
 
 
 def moved(selection: Sequence[Selected], length_s: float) -> list[Selected]:
-    """Effects that begin at some time and last, each moved to times near its own: a descent may have stopped at a
-    local optimum.
+    """Effects with a begin or an end, each moved to times near its own: a descent may have stopped at a local
+    optimum.
     """
     steps_s = [sign * share * length_s for share in MOVES for sign in (-1.0, 1.0)]
-    lasting = [(c, c.begin_s) for c in selection if c.end_s is None]
     return [
-        replace(c, values={**c.values, START.name: begin_s + step_s})
-        for c, begin_s in lasting
-        if begin_s is not None
+        replace(c, values={**c.values, name: c.number(name) + step_s})
+        for c in selection
+        for name in (START.name, END.name)
+        if name in c.free
         for step_s in steps_s
     ]
 

@@ -11,7 +11,7 @@ from drd.effects.effect import END, START
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import nuisance_columns, nuisance_design
+from drd_tools.diagnose.regression.refine import nuisance_columns, with_priors
 from drd_tools.diagnose.select.intervals import Columns, joined, moved, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
 from drd_tools.diagnose.selected import Selected, parameter, shape_of
@@ -72,12 +72,14 @@ class Sets:
         self._problem, self._library = problem, library_of(problem)
         self._held_names = frozenset(c.id for c in held)
         shapes, _ = nuisance_columns(problem, near)
-        self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
-        left = self._marginal.projected(problem.data - problem.effect_rows(held))
+        of_held, left = with_priors(problem, held)
+        self._marginal = Marginal(np.column_stack([shapes, of_held]))
+        left = self._marginal.projected(left)
         self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
         # A search that adds one effect at a time finds a long interval in pieces, or by another effect's name.
         pieces = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one))]
-        moments = moved(near, float(np.ptp(problem.evidence.edges_s)))
+        lasting = [c for c in near if c.end_s is None]
+        moments = moved(lasting, float(np.ptp(problem.evidence.edges_s)))
         self.intervals = list(self._intervals())
         extra, columns = self._variants([*near, *others, *pieces, *moments, *self.intervals])
         own: Columns = np.concatenate([self._library.columns, columns], axis=1)
