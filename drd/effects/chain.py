@@ -1,6 +1,7 @@
 """Several effects acting together, for the simulator and for an effect that follows others."""
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -31,3 +32,17 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
         )
         lateral_m_s = lateral_m_s + error.lateral_m_s
     return motion, lateral_m_s
+
+
+def geometry(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> Array:
+    """Speeds that the counters of left and right wheel report, (2, 2), of unit speeds of each wheel.
+
+    `effects`: of geometry, which is linear in both speeds, in the order in which they act. The motion given is not
+    changed.
+    """
+    unit = copy(motion)
+    unit.left_m_s, unit.right_m_s = np.eye(2)
+    for effect, values in effects:
+        error = effect.error(unit, values)
+        unit.left_m_s, unit.right_m_s = unit.left_m_s + error.left_m_s, unit.right_m_s + error.right_m_s
+    return np.stack([unit.left_m_s, unit.right_m_s])

@@ -9,6 +9,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.keys import Robot
 from drd.effects.catalogue import acting_order
+from drd.effects.chain import geometry
 from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.live import Clip, LiveMotion, Trend, scalar
 from drd.effects.model import Term
@@ -90,13 +91,13 @@ class Compensation:
         self._gyro = [t for t in live if t.effect.channel == "gyro"]
         wheels = [t for t in live if t.effect.channel == "wheels" and t.effect.acts_on is not ActsOn.TIMING]
         # Geometry acts first, and is linear unless it is clipped: it is removed last, by one product.
-        geometry = [t for t in wheels if t.effect.geometry]
-        G = _geometry(m, geometry[::-1])
+        first = [t for t in wheels if t.effect.geometry]
+        G = geometry(m, [(t.effect, t.values) for t in first[::-1]])
         largest, smallest = np.linalg.svd(G, compute_uv=False) - 1.0
-        if any(t.clip.is_bounded for t in geometry) or not SLOPES[0] < smallest <= largest < SLOPES[1]:
-            geometry, G = [], np.eye(2)
+        if any(t.clip.is_bounded for t in first) or not SLOPES[0] < smallest <= largest < SLOPES[1]:
+            first, G = [], np.eye(2)
         self._inverse_geometry = tuple(map(tuple, np.linalg.inv(G).tolist()))
-        self._wheels = wheels[: len(wheels) - len(geometry)]
+        self._wheels = wheels[: len(wheels) - len(first)]
         self._body = [t for t in live if t.effect.channel == "body"]
         self._timing = [t for t in live if t.effect.acts_on is ActsOn.TIMING]
         self.relative_tread = math.prod(t.effect.relative_tread(t.values) for t in live)
@@ -301,17 +302,6 @@ class Compensation:
         self._still_known = not standing
         self._still_sum_c += temperature_c
         self._still_count += 1
-
-
-def _geometry(m: LiveMotion, terms: Sequence[LiveTerm]) -> Array:
-    """Speeds that the counters of left and right wheel report, (2, 2), of unit speeds of each; terms as they act."""
-    G = np.eye(2)
-    for i in range(2):
-        for term in terms:
-            m.left_m_s[0], m.right_m_s[0] = G[:, i]
-            G[:, i] += term.wheels()
-    m.left_m_s[0] = m.right_m_s[0] = 0.0
-    return G
 
 
 def initial_of(terms: Sequence[Term]) -> dict[str, float]:

@@ -20,14 +20,21 @@ from drd_tools.diagnose.observe.audit import jumped
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
-from drd_tools.diagnose.regression.noise_fit import WHEELS, fitted, inflated, ratios, scaled, score_with_noise
+from drd_tools.diagnose.regression.noise_fit import (
+    WHEELS,
+    fitted,
+    inflated,
+    noise_beside,
+    ratios,
+    scaled,
+    score_with_noise,
+)
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.results import Amount, Figures, Scatter
 from drd_tools.diagnose.select.intervals import moved
 from drd_tools.diagnose.select.library import release
-from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
-from drd_tools.diagnose.select.sets import Sets
+from drd_tools.diagnose.select.search import Found, Search, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.select.start import Start, started
 from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.series import Spread
@@ -171,8 +178,7 @@ def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Probl
         is_due = is_rough(found.fit) or found.is_noise_due
         if i >= NOISE_ROUNDS and not is_due:
             break
-        noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
-        inflation = inflated(found.problem, found.fit.left, noise)
+        noise, fix_inflation, inflation = noise_beside(found.problem, found.fit)
         if _is_near(noise, inflation, found.problem) and not is_due:
             break
         problem = problem.with_noise(noise, fix_inflation, inflation)
@@ -200,10 +206,10 @@ def _with_hidden(searched: tuple[Problem, Found], start: Start) -> tuple[Problem
 
 
 def _with_intervals(found: Found) -> list[Found]:
-    """What was found with the best interval of each effect that is limited to one and worth its cost."""
+    """The effects found, with one more: each that is limited to an interval and worth its cost, in its best one."""
     problem, fit = found.problem, found.fit
     best: dict[str, Selected] = {}
-    for _, one in Sets(problem, fit.selection).ranked():
+    for _, one in Search(problem).ranked(fit):
         if one.interval_s is not None:
             best.setdefault(one.id, one)
     made = []
@@ -222,9 +228,7 @@ def _settled_score(searched: tuple[Problem, Found], candidate: Found) -> float:
     problem, found = searched
     made = linearised(found.problem, candidate.fit, candidate.null)
     for _ in range(SETTLING_ROUNDS):
-        noise, fix_inflation = fitted(made.problem, made.fit, searched=True)
-        inflation = inflated(made.problem, made.fit.left, noise)
-        made = linearised(problem.with_noise(noise, fix_inflation, inflation), made.fit, made.null)
+        made = linearised(problem.with_noise(*noise_beside(made.problem, made.fit)), made.fit, made.null)
     return score_with_noise(made.problem, made.fit)
 
 

@@ -12,7 +12,7 @@ from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import FREE, Fit, nuisance_columns
+from drd_tools.diagnose.regression.refine import FREE, Fit, free_columns, shape_columns
 from drd_tools.diagnose.results import Finding, Ranges, Window
 from drd_tools.diagnose.selected import Selected, linear_names
 
@@ -114,7 +114,7 @@ def sufficient_statistics(problem: Problem, fit: Fit, surrogates: Collection[str
         ]
     )
     data = problem.data - problem.effect_rows(rest)
-    N = np.column_stack([nuisance_columns(problem, [*rest, *own])[0], nuisance_columns(problem, rest)[1]])
+    N = np.column_stack([shape_columns(problem, [*rest, *own]), free_columns(problem, rest)])
     left = Marginal(N).projected(np.column_stack([X, data]))
     motion = problem.sensitivities.motion
     ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}

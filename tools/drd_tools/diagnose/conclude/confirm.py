@@ -12,7 +12,7 @@ import numpy.typing as npt
 from drd.arrays import Array
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import FREE, Fit, nuisance_columns, refine
+from drd_tools.diagnose.regression.refine import FREE, Fit, free_columns, refine, shape_columns
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
 
@@ -109,7 +109,7 @@ def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_
     nowhere or at one time only: the components of a single fix do not confirm each other.
     """
     data = problem.data - problem.effect_rows(others)
-    soft, freed = nuisance_columns(problem, others)
+    soft, freed = shape_columns(problem, others), free_columns(problem, others)
     _, at = np.unique(problem.row_time_s, return_inverse=True)
     visible = np.bincount(at, rows**2)
     total = np.cumsum(visible)

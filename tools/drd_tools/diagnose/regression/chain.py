@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
 from drd.effects.catalogue import acting_order
+from drd.effects.chain import geometry
 from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Sensitivity
@@ -114,16 +115,12 @@ class Readings:
     @cached_property
     def motion(self) -> Motion:
         """The motion, with the wheels' speeds as counted with the chain's geometry."""
-        return self._with_geometry(self.sensitivities.motion)
-
-    def _with_geometry(self, motion: Motion) -> Motion:
-        return _with(motion, [c for c in self.chain if c.effect.geometry])
+        return _with(self.sensitivities.motion, [c for c in self.chain if c.effect.geometry])
 
     def without_geometry(self, left_m: Array, right_m: Array) -> Array:
         """Travel (2, n) of the wheels that their counters report, with the chain's geometry, as `left_m`, `right_m`."""
-        left, right = np.eye(2)  # the geometry is linear in both speeds
-        counted = self._with_geometry(replace(self.sensitivities.motion, left_m_s=left, right_m_s=right))
-        return np.asarray(np.linalg.solve([counted.left_m_s, counted.right_m_s], [left_m, right_m]), float)
+        G = geometry(self.sensitivities.motion, [(c.effect, c.values) for c in self.chain if c.effect.geometry])
+        return np.asarray(np.linalg.solve(G, [left_m, right_m]), float)
 
     def of_wheels(self, effect: Effect | None = None) -> Motion:
         """The motion as counted, with the part of the chain before an effect, or with the whole chain."""

@@ -103,6 +103,12 @@ def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
     return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * problem.inflation.fixes
 
 
+def noise_beside(problem: Problem, fit: Fit) -> tuple[Noise, Array, Inflation]:
+    """Noise, variance inflation of each fix and of the rows, beside the effects that a search found."""
+    noise, fix_inflation = fitted(problem, fit, searched=True)
+    return noise, fix_inflation, inflated(problem, fit.left, noise)
+
+
 def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     """Noise, and variance inflation (m,) of each fix, from a fit's whitened residual.
 

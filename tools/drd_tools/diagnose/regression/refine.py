@@ -235,30 +235,33 @@ def discrepancies(problem: Problem, selected: Selected) -> Array:
     return DISCREPANCY_SHARE * float(np.linalg.norm(problem.effect_rows([selected]))) * F.T
 
 
-def nuisance_columns(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
-    """Columns of prior 1: shapes of the effects' causes (r, s); nuisances and practically free parameters (r, k)."""
+def shape_columns(problem: Problem, selection: Sequence[Selected]) -> Array:
+    """Shapes of the effects' causes as columns of prior 1, (r, s)."""
+    return np.column_stack([np.zeros((len(problem.data), 0)), *(discrepancies(problem, c) for c in selection)])
+
+
+def free_columns(problem: Problem, selection: Sequence[Selected]) -> Array:
+    """Nuisances and practically free parameters as columns of prior 1, (r, k)."""
     T = problem.tangents(selection)
     norms = np.linalg.norm(T, axis=0)
     seen = norms > 0.0
-    shapes = [np.zeros((len(T), 0)), *(discrepancies(problem, c) for c in selection)]
-    return np.column_stack(shapes), np.column_stack([problem.nuisance, T[:, seen] / norms[seen] * FREE])
+    return np.column_stack([problem.nuisance, T[:, seen] / norms[seen] * FREE])
 
 
 def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
-    """Both kinds of `nuisance_columns` (r, s + k)."""
-    return np.column_stack(nuisance_columns(problem, selection))
+    """`shape_columns` and `free_columns` (r, s + k)."""
+    return np.column_stack([shape_columns(problem, selection), free_columns(problem, selection)])
 
 
 def with_priors(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
     """`nuisance_design`, but parameters that were measured have their priors; and the data less the effects (r,), at
     the means of those.
     """
-    shapes, _ = nuisance_columns(problem, selection)
     T, (off, weight) = problem.tangents(selection), _measured(selection)
     sizes = FREE / np.maximum(np.linalg.norm(T, axis=0), math.sqrt(UNSEEN))
     sizes[weight > 0.0] = weight[weight > 0.0] ** -0.5
     left = problem.data - problem.effect_rows(selection) + T @ off
-    return np.column_stack([shapes, problem.nuisance, T * sizes]), left
+    return np.column_stack([shape_columns(problem, selection), problem.nuisance, T * sizes]), left
 
 
 def precisions(selected: Selected) -> Array:

@@ -11,7 +11,7 @@ from drd.effects.effect import END, START
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import nuisance_columns, with_priors
+from drd_tools.diagnose.regression.refine import shape_columns, with_priors
 from drd_tools.diagnose.select.intervals import Columns, joined, moved, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
 from drd_tools.diagnose.selected import Selected, parameter, shape_of
@@ -71,9 +71,8 @@ class Sets:
     ):
         self._problem, self._library = problem, library_of(problem)
         self._held_names = frozenset(c.id for c in held)
-        shapes, _ = nuisance_columns(problem, near)
         of_held, left = with_priors(problem, held)
-        self._marginal = Marginal(np.column_stack([shapes, of_held]))
+        self._marginal = Marginal(np.column_stack([shape_columns(problem, near), of_held]))
         left = self._marginal.projected(left)
         self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
         # A search that adds one effect at a time finds a long interval in pieces, or by another effect's name.

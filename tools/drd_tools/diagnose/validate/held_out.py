@@ -15,7 +15,7 @@ from drd_tools.diagnose.error_model.ranges import within
 from drd_tools.diagnose.observe.audit import Audit
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.regression.marginal import Marginal
-from drd_tools.diagnose.regression.noise_fit import fitted, inflated
+from drd_tools.diagnose.regression.noise_fit import noise_beside
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import discrepancies, refine
 from drd_tools.diagnose.results import Figures, Ranges
@@ -103,9 +103,7 @@ class _HeldOut:
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
-            noise, fix_inflation = fitted(near, fit, searched=True)
-            inflation = inflated(near, fit.left, noise)
-            problem = problem.with_noise(noise, fix_inflation, inflation)
+            problem = problem.with_noise(*noise_beside(near, fit))
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}
