@@ -74,5 +74,15 @@ class Motion:
         return np.concatenate([values[:1], y.ravel()[:n]])
 
     def delayed(self, values: Array, delay_s: Array | float) -> Array:
-        """`values` as of `delay_s` ago (one delay for each sample, or for all); the ends are held."""
-        return np.interp(self.time_s - delay_s, self.time_s, values)
+        """`values` as of `delay_s` ago (one delay for each sample, or for all); the ends are held.
+
+        Cubic between samples (Catmull and Rom 1974): the derivative with respect to the delay is continuous, while that
+        of a linear interpolation jumps wherever the delay passes a sample.
+        """
+        at = np.interp(self.time_s - delay_s, self.time_s, np.arange(len(values), dtype=float))
+        before = at.astype(int)
+        f = at - before
+        held = np.concatenate([values[:1], values, values[-1:], values[-1:]])
+        a, b, c, d = (held[before + i] for i in range(4))
+        result: Array = b + 0.5 * f * (c - a + f * (2.0 * a - 5.0 * b + 4.0 * c - d + f * (3.0 * (b - c) + d - a)))
+        return result

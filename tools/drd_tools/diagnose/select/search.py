@@ -13,7 +13,7 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.select.library import is_possible, library_of
 from drd_tools.diagnose.select.sets import Sets
-from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.selected import Selected, shape_of
 
 MOST_SELECTED: Final = 6  # effects besides the known ones: limits the time of a search
 RIVALS: Final = 6  # refined, the best by linear ranking: limits the time
@@ -279,12 +279,19 @@ class Search:
                 beside = Sets(self.problem, held, replaced, more.intervals)
                 sets += [[*held, *chosen] for chosen in beside.best(SETS, largest)]
                 sets += [[*held, one] for one in beside.as_they_are()]
-        tried = (t for t in refine_all(self.problem, sets, least) if _is_plausible(self.problem, t))
+        # The same set is proposed as an addition and as a replacement, and the one found as its own.
+        distinct = {_forms(chosen): chosen for chosen in sets if _forms(chosen) != _forms(fit.selection)}
+        tried = (t for t in refine_all(self.problem, list(distinct.values()), least) if _is_plausible(self.problem, t))
         return sorted(tried, key=self.score, reverse=True)
 
     def _size(self, selected: Selected) -> float:
         rows = self.problem.effect_rows([selected])
         return float(rows @ rows)
+
+
+def _forms(selection: Sequence[Selected]) -> frozenset[tuple[object, ...]]:
+    """Names, free parameters and shapes of effects: a set from which one descent suffices."""
+    return frozenset((c.id, c.free, *sorted(shape_of(c.effect, c.values).items())) for c in selection)
 
 
 def _is_plausible(problem: Problem, fit: Fit) -> bool:
