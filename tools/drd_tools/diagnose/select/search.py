@@ -20,7 +20,7 @@ RIVALS: Final = 6  # refined, the best by linear ranking: limits the time
 CLEARLY_BETTER: Final = 0.1  # nats: prevents cycles
 # If effects explain so much, or shift the time, sensitivities must be recomputed along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
-RELINEARISATIONS: Final = 3  # at most; fewer on convergence
+RELINEARISATIONS: Final = 8  # at most; fewer on convergence
 PATHS: Final = 6  # at most: each iteration keeps a third of the remaining noise
 CONVERGED_NATS: Final = 1.0  # less does not change the best name: CLASS_NATS is larger
 ROUGH_SQUARE: Final = 1.5  # mean of the squared residual, in sigmas
