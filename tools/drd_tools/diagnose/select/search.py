@@ -280,7 +280,8 @@ class Search:
                 sets += [[*held, *chosen] for chosen in beside.best(SETS, largest)]
                 sets += [[*held, one] for one in beside.as_they_are()]
         # The same set is proposed as an addition and as a replacement, and the one found as its own.
-        distinct = {_forms(chosen): chosen for chosen in sets if _forms(chosen) != _forms(fit.selection)}
+        distinct = {_forms(chosen): chosen for chosen in sets}
+        distinct.pop(_forms(fit.selection), None)
         tried = (t for t in refine_all(self.problem, list(distinct.values()), least) if _is_plausible(self.problem, t))
         return sorted(tried, key=self.score, reverse=True)
 
