@@ -1,6 +1,5 @@
 """The encoders' clock drifts against the gyro's."""
 
-from drd.arrays import Array
 from drd.effects.effect import ActsOn, Begins, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
@@ -19,12 +18,10 @@ class EncoderClockSkew(Effect):
 
     def error(self, m: Motion, p: Values) -> Errors:
         slow = number(p, "ppm")
-
-        def read(speed: Array) -> Array:
-            # Counts are travel: what comes within fewer seconds is faster.
-            return (1.0 + slow) * m.delayed(speed, -slow * m.time_s) - speed
-
-        return Errors(left_m_s=read(m.left_m_s), right_m_s=read(m.right_m_s))
+        late = m.delay(-slow * m.time_s)
+        # Counts are travel: what comes within fewer seconds is faster.
+        left_m_s, right_m_s = ((1.0 + slow) * late(speed) - speed for speed in (m.left_m_s, m.right_m_s))
+        return Errors(left_m_s=left_m_s, right_m_s=right_m_s)
 
     def correction(self, m: Motion, p: Values) -> Errors:
         return Errors()  # the stamps are corrected
@@ -43,9 +40,8 @@ class EncoderClockSkew(Effect):
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A crystal that drifts as it warms: time squared.
-        late_s = number(p, "ppm") * m.time_s**2 / m.end_s
-        left, right = m.left_m_s, m.right_m_s
-        return [Errors(left_m_s=m.delayed(left, -late_s) - left, right_m_s=m.delayed(right, -late_s) - right)]
+        late = m.delay(-number(p, "ppm") * m.time_s**2 / m.end_s)
+        return [Errors(left_m_s=late(m.left_m_s) - m.left_m_s, right_m_s=late(m.right_m_s) - m.right_m_s)]
 
 
 EFFECT = EncoderClockSkew()

@@ -40,13 +40,9 @@ class EncoderLag(Effect):
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A mean over the time before, or a filter of higher order: the same delay, but less of the second derivative.
-        late, tau_s = self.error(m, p), number(p, "tau")
-        return [
-            Errors(
-                left_m_s=m.delayed(m.left_m_s, tau_s) - m.left_m_s - late.left_m_s,
-                right_m_s=m.delayed(m.right_m_s, tau_s) - m.right_m_s - late.right_m_s,
-            )
-        ]
+        lag, late = self.error(m, p), m.delay(number(p, "tau"))
+        left_m_s, right_m_s = late(m.left_m_s) - m.left_m_s, late(m.right_m_s) - m.right_m_s
+        return [Errors(left_m_s=left_m_s - lag.left_m_s, right_m_s=right_m_s - lag.right_m_s)]
 
 
 EFFECT = EncoderLag()

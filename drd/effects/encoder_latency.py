@@ -20,11 +20,8 @@ class EncoderLatency(Effect):
     manoeuvre = "hard starts and stops, turns that begin and end sharply"
 
     def error(self, m: Motion, p: Values) -> Errors:
-        delay_s = number(p, "delay")
-        return Errors(
-            left_m_s=m.delayed(m.left_m_s, delay_s) - m.left_m_s,
-            right_m_s=m.delayed(m.right_m_s, delay_s) - m.right_m_s,
-        )
+        late = m.delay(number(p, "delay"))
+        return Errors(left_m_s=late(m.left_m_s) - m.left_m_s, right_m_s=late(m.right_m_s) - m.right_m_s)
 
     def correction(self, m: Motion, p: Values) -> Errors:
         return Errors()  # the stamps are corrected, which needs no future sample
@@ -44,7 +41,7 @@ class EncoderLatency(Effect):
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # One wheel's frame after the other's; a filter's lag, in what it differs from a delay.
         left, right, delay_s = m.left_m_s, m.right_m_s, max(number(p, "delay"), 1e-12)
-        left_late, right_late = m.delayed(left, delay_s), m.delayed(right, delay_s)
+        left_late, right_late = map(m.delay(delay_s), (left, right))
         lag = Errors(left_m_s=m.lagged(left, delay_s) - left_late, right_m_s=m.lagged(right, delay_s) - right_late)
         return [Errors(left_m_s=left_late - left, right_m_s=right - right_late), lag]
 

@@ -74,15 +74,27 @@ class Motion:
         return np.concatenate([values[:1], y.ravel()[:n]])
 
     def delayed(self, values: Array, delay_s: Array | float) -> Array:
-        """`values` as of `delay_s` ago (one delay for each sample, or for all); the ends are held.
+        """`values` as of `delay_s` ago (one delay for each sample, or for all); the ends are held."""
+        return self.delay(delay_s)(values)
 
-        Cubic between samples (Catmull and Rom 1974): the derivative with respect to the delay is continuous, while that
-        of a linear interpolation jumps wherever the delay passes a sample.
-        """
-        at = np.interp(self.time_s - delay_s, self.time_s, np.arange(len(values), dtype=float))
-        before = at.astype(int)
-        f = at - before
-        held = np.concatenate([values[:1], values, values[-1:], values[-1:]])
-        a, b, c, d = (held[before + i] for i in range(4))
+    def delay(self, delay_s: Array | float) -> "Delay":
+        """A delay, to be applied to several series."""
+        index = np.arange(len(self.time_s), dtype=float)
+        return Delay(np.interp(self.time_s - delay_s, self.time_s, index))
+
+
+class Delay:
+    """Interpolation of a series at fractional indices (n,), by cubics (Catmull and Rom 1974).
+
+    The derivative with respect to the index is continuous; that of a linear interpolation jumps at each sample.
+    """
+
+    def __init__(self, at: Array):
+        self._before = at.astype(np.intp)
+        self._share = at - self._before
+
+    def __call__(self, values: Array) -> Array:
+        held, f = np.concatenate([values[:1], values, values[-1:], values[-1:]]), self._share
+        a, b, c, d = (held[i:].take(self._before) for i in range(4))
         result: Array = b + 0.5 * f * (c - a + f * (2.0 * a - 5.0 * b + 4.0 * c - d + f * (3.0 * (b - c) + d - a)))
         return result

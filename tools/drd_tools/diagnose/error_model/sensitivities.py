@@ -219,11 +219,9 @@ class Sensitivities:
         """Growth of the wheels' lag, from the motion as counted; a nuisance as in `nuisances`. (70)"""
         ends_s = self.e.edges_s[[0, -1]]
         growth = WHEELS_WANDER_S / float(np.ptp(ends_s))
-        late_s = growth * (readings.time_s - ends_s.mean())
+        late = readings.delay(growth * (readings.time_s - ends_s.mean()))
         left, right = readings.left_m_s, readings.right_m_s
-        later = Errors(
-            left_m_s=readings.delayed(left, late_s) - left, right_m_s=readings.delayed(right, late_s) - right
-        )
+        later = Errors(left_m_s=late(left) - left, right_m_s=late(right) - right)
         return "wheels_drift", growth, self.of(later) * (1.0 / growth)
 
 
