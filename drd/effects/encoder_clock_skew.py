@@ -40,8 +40,8 @@ class EncoderClockSkew(Effect):
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A crystal that drifts as it warms: time squared.
-        late = m.delay(-number(p, "ppm") * m.time_s**2 / m.end_s)
-        return [Errors(left_m_s=late(m.left_m_s) - m.left_m_s, right_m_s=late(m.right_m_s) - m.right_m_s)]
+        left_m_s, right_m_s = m.wheels_change(-number(p, "ppm") * m.time_s**2 / m.end_s)
+        return [Errors(left_m_s=left_m_s, right_m_s=right_m_s)]
 
 
 EFFECT = EncoderClockSkew()

@@ -40,8 +40,7 @@ class EncoderLag(Effect):
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A mean over the time before, or a filter of higher order: the same delay, but less of the second derivative.
-        lag, late = self.error(m, p), m.delay(number(p, "tau"))
-        left_m_s, right_m_s = late(m.left_m_s) - m.left_m_s, late(m.right_m_s) - m.right_m_s
+        lag, (left_m_s, right_m_s) = self.error(m, p), m.wheels_change(number(p, "tau"))
         return [Errors(left_m_s=left_m_s - lag.left_m_s, right_m_s=right_m_s - lag.right_m_s)]
 
 

@@ -20,8 +20,8 @@ class EncoderLatency(Effect):
     manoeuvre = "hard starts and stops, turns that begin and end sharply"
 
     def error(self, m: Motion, p: Values) -> Errors:
-        late = m.delay(number(p, "delay"))
-        return Errors(left_m_s=late(m.left_m_s) - m.left_m_s, right_m_s=late(m.right_m_s) - m.right_m_s)
+        left_m_s, right_m_s = m.wheels_change(number(p, "delay"))
+        return Errors(left_m_s=left_m_s, right_m_s=right_m_s)
 
     def correction(self, m: Motion, p: Values) -> Errors:
         return Errors()  # the stamps are corrected, which needs no future sample

@@ -82,6 +82,11 @@ class Motion:
         index = np.arange(len(self.time_s), dtype=float)
         return Delay(np.interp(self.time_s - delay_s, self.time_s, index))
 
+    def wheels_change(self, delay_s: Array | float) -> tuple[Array, Array]:
+        """Changes (n,) of the left and the right wheel's speed if their samples are late, m/s."""
+        late = self.delay(delay_s)
+        return late(self.left_m_s) - self.left_m_s, late(self.right_m_s) - self.right_m_s
+
 
 class Delay:
     """Interpolation of a series at fractional indices (n,), by cubics (Catmull and Rom 1974).

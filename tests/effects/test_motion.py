@@ -9,22 +9,20 @@ from hypothesis import strategies as st
 from drd.effects.motion import Motion
 
 SPACING_S = 0.025
+TIME_S = SPACING_S * np.arange(400, dtype=float)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def moving() -> Motion:
-    time_s = SPACING_S * np.arange(400, dtype=float)
-    return driven(time_s, np.sin(2.0 * time_s), np.zeros_like(time_s), np.full_like(time_s, 20.0))
+    return driven(TIME_S, np.sin(2.0 * TIME_S), np.zeros_like(TIME_S), np.full_like(TIME_S, 20.0))
 
 
 @given(delay_s=st.floats(0.0, 0.4))
-def test_a_sine_is_delayed_within_the_error_of_a_cubic(delay_s: float) -> None:
-    time_s = SPACING_S * np.arange(400, dtype=float)
-    speed = np.sin(2.0 * time_s)
-    late = driven(time_s, speed, speed, speed).delayed(speed, delay_s)
-    inside = (time_s > delay_s + SPACING_S) & (time_s - delay_s < time_s[-2])
+def test_a_sine_is_delayed_within_the_error_of_a_cubic(moving: Motion, delay_s: float) -> None:
+    late = moving.delayed(moving.speed_m_s, delay_s)
+    inside = (delay_s + SPACING_S < TIME_S) & (TIME_S - delay_s < TIME_S[-2])
     # A linear interpolation is off by up to (2 * 0.025)^2 / 8 = 3e-4.
-    assert np.abs(late - np.sin(2.0 * (time_s - delay_s)))[inside].max() < 2e-5
+    assert np.abs(late - np.sin(2.0 * (TIME_S - delay_s)))[inside].max() < 2e-5
 
 
 @pytest.mark.parametrize("samples", [1, 4, 7])

@@ -219,9 +219,8 @@ class Sensitivities:
         """Growth of the wheels' lag, from the motion as counted; a nuisance as in `nuisances`. (70)"""
         ends_s = self.e.edges_s[[0, -1]]
         growth = WHEELS_WANDER_S / float(np.ptp(ends_s))
-        late = readings.delay(growth * (readings.time_s - ends_s.mean()))
-        left, right = readings.left_m_s, readings.right_m_s
-        later = Errors(left_m_s=late(left) - left, right_m_s=late(right) - right)
+        left_m_s, right_m_s = readings.wheels_change(growth * (readings.time_s - ends_s.mean()))
+        later = Errors(left_m_s=left_m_s, right_m_s=right_m_s)
         return "wheels_drift", growth, self.of(later) * (1.0 / growth)
 
 
