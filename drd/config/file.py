@@ -90,6 +90,10 @@ def _times(c: Config) -> Iterator[Complaint]:
     if c.fog.protocol != "none" and gyro_age_s >= wait_s:
         expected = f"more than a gyro sample's age, latency_s plus one period ({gyro_age_s:g} s)"
         yield "estimation.reorder_s", expected, f"{wait_s:g}"
+    wheels_age_s = c.encoders.latency_s + 1.0 / c.encoders.rate_hz
+    if wheels_age_s >= c.encoders.gap_s + wait_s:
+        expected = f"with estimation.reorder_s ({wait_s:g} s) more than a sample's age ({wheels_age_s:g} s)"
+        yield "encoders.gap_s", expected, f"{c.encoders.gap_s:g}"
     for name, part in (("fog", c.fog), ("encoders", c.encoders)):
         age_s = part.latency_s + 1.0 / part.rate_hz
         if part.silent_after_s <= age_s:

@@ -59,6 +59,7 @@ def test_keys_that_fit_together_are_taken(tmp_path: Path, text: str) -> None:
         (COUNTED + "\nfog: {latency_s: 0.2}", "estimation.reorder_s"),
         (COUNTED + "\nfog: {rate_hz: 2}\nestimation: {reorder_s: 1}", "fog.silent_after_s"),
         ("encoders: {layout: agilex, rate_hz: 2}", "encoders.silent_after_s"),
+        ("encoders: {layout: agilex, latency_s: 0.4, gap_s: 0.1, silent_after_s: 1}", "encoders.gap_s"),
         *(
             (COUNTED + f"\noutput: {{prefix: '{p}'}}", "output.prefix")
             for p in ("a/*", "/a", "a/", "a//b", "a$b", "a?", "#", "@a", "a/@b")
