@@ -98,7 +98,7 @@ class Agreement:
         kf.return_variance(*track.hindsight.corrected(kf))
         self._is_slip = True
         self._counters["released"] += 1
-        track.hindsight.take_back(kf, track.hindsight.before, t_ns)
+        track.take_back(track.hindsight.before, t_ns)
         kf.add_heading_variance(parted_rad * parted_rad)
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
@@ -121,7 +121,7 @@ class Agreement:
         if (then := self._repeats.then) is not None:
             self._cover_repeats(track)
             track.kf.return_variance(*then.corrected(track.kf))
-            track.hindsight.take_back(track.kf, then, track.t_ns)
+            track.take_back(then, track.t_ns)
 
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
         drift, seen, text = self._drift, track.hindsight, None

@@ -109,12 +109,13 @@ class Estimator:
         now_ns = sample.t_ns - self._corrections.late_ns
         self._watch(now_ns)
         silent = self._silence.wheels(now_ns)
-        # A gyro may be much faster than poses are wanted.
-        soon = now_ns - self._gyro_pose_ns < self._pose_period_ns
+        stamp_ns = now_ns if silent else self._silence.wheels_ns
+        # A gyro may be much faster than poses are wanted, or than wheels bring new ones.
+        soon = now_ns - self._gyro_pose_ns < self._pose_period_ns or stamp_ns <= self._progress.pose_ns
         if not self._track.t_ns or soon or not (silent or self._publish_on == "gyro"):
             return None
         self._gyro_pose_ns = now_ns
-        return self._pose(now_ns if silent else self._silence.wheels_ns)
+        return self._pose(stamp_ns)
 
     def add_wheels(self, sample: WheelSample) -> Pose | None:
         """Take a wheel sample; returns a pose at its time, unless poses come with the gyro's samples."""
@@ -200,7 +201,7 @@ class Estimator:
 
     def calibrate_bias(self) -> str | None:
         """Measure the static bias again. Returns why not, if the robot is not known to stand or has no gyro."""
-        if not self._has_gyro or not self._silence.gyro_ns:
+        if not self._has_gyro or not self._silence.gyro_ns or self._silence.gyro(self._progress.pose_ns):
             return "no gyro"
         if not self.standstill.still or self.reasons.has("encoders"):
             return "the encoders do not confirm a standstill"
@@ -275,6 +276,9 @@ class Estimator:
         Unchanged by the new configuration: `same_wheels`, the basis of wheel scales and tread; `same_gyro`, that of
         the gyro's bias and scale; `same_lag`, that of the wheels' lag; `same_model`, the compensation with its state.
         """
+        if not (same_wheels and same_gyro):  # constants that the monitor has found hold for the sensors as they were
+            for name in list(other.knowledge.applied.taken):
+                other.apply(name, None)
         self._progress.take_over(other._progress, same_wheels, same_gyro)
         self.counters.update(other.counters)
         self._tick_ns, self._gyro_pose_ns = other._tick_ns, other._gyro_pose_ns

@@ -220,15 +220,15 @@ class Filter(State):
             PH[HEADING] = ph[HEADING] = ph[HEADING] + excess
             k = z / S
         self._correct(ph, k)
+        self._sigma[()] = math.sqrt(S)
+        PH /= self._sigma
+        self._PH_column.dot(self._PH_row, T)
+        P -= T  # (19)
         if not LEAST_LAG_S <= n.wheel_lag_s <= MOST_LAG_S:
             # In place of an impossible lag, the likeliest state with the nearest possible one. (30)
             column, nearest_s = P[WHEEL_LAG].tolist(), min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
             self._correct(column, (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG])
             n.wheel_lag_s = nearest_s
-        self._sigma[()] = math.sqrt(S)
-        PH /= self._sigma
-        self._PH_column.dot(self._PH_row, T)
-        P -= T  # (19)
         self._updates += 1
         if self._updates % UPDATES_PER_SYMMETRISATION == 0:
             np.add(P, self._PT, T)
@@ -269,7 +269,8 @@ class Filter(State):
     @property
     def wheels_rad_s(self) -> float:
         """Yaw rate of the last step, from the wheels."""
-        return (self._right_m_s - self._left_m_s) / self.nominal.tread_m
+        n = self.nominal
+        return ((1.0 - n.scale_right) * self._right_m_s - (1.0 - n.scale_left) * self._left_m_s) / n.tread_m
 
     @property
     def is_turned(self) -> bool:

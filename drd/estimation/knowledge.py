@@ -145,6 +145,7 @@ class Knowledge:
             if self.steering.scale < other.steering.scale:  # the path so far was driven with the old wheels
                 kf.add_scale_variance(other.steering.scale, 0.0)
             forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
+            self._track.alone_rad = 0.0
             kf.add_position_variance(other.steering.wander_m2)
             self.steering.begin(kf)
         elif same_noise:

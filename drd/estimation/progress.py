@@ -113,11 +113,11 @@ class Progress:
         allowed_m2 = unseen_growth(0.0, sample.lost_s, speed, UNSEEN_ACCELERATION_M_S2)
         if not self._has_gyro or was_set or track.blind_s or sample.lost_m**2 > allowed_m2:
             return
-        end_rad = track.kf.heading_rad
+        middle_rad, way_m = track.kf.heading_rad - 0.5 * track.unseen_turn_rad, sample.lost_m
         if begin_ns > track.t_ns:
             rest_s = (begin_ns - track.t_ns) * S_PER_NS
-            end_rad += n.gyro_scale * self.gyro.integral(track.t_ns, begin_ns) + n.gyro_bias_rad_s * rest_s
-        middle_rad, way_m = 0.5 * (track.seen_heading_rad + end_rad), sample.lost_m
+            turn_rad = n.gyro_scale * self.gyro.integral(track.t_ns, begin_ns) + n.gyro_bias_rad_s * rest_s
+            middle_rad += 0.5 * turn_rad
         way_m *= 1.0 - 0.5 * (n.scale_left + n.scale_right)
         n.x_m, n.y_m = n.x_m + way_m * math.cos(middle_rad), n.y_m + way_m * math.sin(middle_rad)
 
@@ -164,7 +164,7 @@ class Progress:
             return self.track
         self._preview.copy_from(self.track)
         if self.track.t_ns:
-            self._preview.run(self.wheels, self.gyro, t_ns)
+            self._preview.run(self.wheels, self.gyro.joined(self.wheels.end_ns - self.track.lag_ns), t_ns)
         return self._preview
 
     def lead(self, track: Track, with_gyro: bool = True) -> Lead:
@@ -176,12 +176,12 @@ class Progress:
         if with_gyro:  # its samples may come in bunches
             unseen_s = max(self.gyro_interval_s, (track.t_ns - self.gyro.end_ns) * S_PER_NS)
         none = Lead(0.0, 0.0, 0.0, steering.scale, wander_m2, doubt_s2, corrected_rad2, unseen_s)
-        if lag_ns <= 0 or not with_gyro:
+        if lag_ns <= 0:
             return none
         n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
-        if self.gyro.segments:
+        if with_gyro and self.gyro.segments:
             turn_rad = n.gyro_scale * self.gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
-        else:  # the newest is used up: its rate is held
+        else:  # the newest is used up: its rate is held, or that of the wheels
             turn_rad = track.rate_rad_s * lag_s
         return none._replace(lag_s=lag_s, distance_m=track.speed_m_s * lag_s, turn_rad=turn_rad)
 

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 from drd.units import NS_PER_S
 
-# More than arrive at 1 kHz during any wait for the other sensor; the oldest are dropped first.
-KEPT = 4096
+# More than arrive at 2 kHz during the longest wait for the other sensor, 15 s; the oldest are dropped first.
+KEPT = 32768
+# Wheel samples are this far apart, so that a look ahead in steps as long is as exact.
+JOINED_NS = NS_PER_S // 20
 
 
 class Segment(NamedTuple):
@@ -66,6 +68,23 @@ class Stream:
             total += rate * (until_ns - t_ns)
             t_ns = until_ns
         return (total + rate * (end_ns - t_ns)) / NS_PER_S
+
+    def joined(self, from_ns: int) -> "Stream":
+        """The stream with those adjacent segments joined that begin at `from_ns` or later, up to JOINED_NS: of a gyro
+        without wheels only the turn matters, and a fast one has hundreds of them.
+        """
+        made, last = Stream(), None
+        for segment in self.segments:
+            start_ns, end_ns, a, b, c = segment
+            if last and last.end_ns == start_ns and last.start_ns >= from_ns and end_ns - last.start_ns <= JOINED_NS:
+                share = (end_ns - start_ns) / (end_ns - last.start_ns)
+                mean = (was + (now - was) * share for was, now in zip(last[2:], (a, b, c), strict=True))
+                last = made.segments[-1] = Segment(last.start_ns, end_ns, *mean)
+            else:
+                last = segment
+                made.segments.append(segment)
+        made.end_ns = self.end_ns
+        return made
 
     def drop_until(self, t_ns: int) -> None:
         """Forget the segments that the filter has used."""

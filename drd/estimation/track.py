@@ -7,7 +7,7 @@ from typing import Final
 
 from drd.config.keys import Config
 from drd.estimation.filter import Filter
-from drd.estimation.hindsight import Hindsight
+from drd.estimation.hindsight import Hindsight, Memory
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.state import Sigmas
 from drd.estimation.timeline import Piece, Segment, Stream, pieces
@@ -46,7 +46,7 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     blind_spans: tuple[tuple[int, int], ...] = ()  # since the wheels were seen last: when, ns
     no_gyro_s: float = 0.0
-    seen_heading_rad: float = 0.0  # where the wheels were seen last
+    unseen_turn_rad: float = 0.0  # since the wheels were seen last
     reading_ns: int = 0  # end of the wheels' newest reading
     # The turn measured by the wheels alone since the pose was set, and the tread it was computed with.
     alone_rad: float = 0.0
@@ -68,7 +68,7 @@ class Track:
         self.kf.copy_from(other.kf)
         self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
-        self.blind_spans, self.seen_heading_rad = other.blind_spans, other.seen_heading_rad
+        self.blind_spans, self.unseen_turn_rad = other.blind_spans, other.unseen_turn_rad
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
@@ -129,11 +129,19 @@ class Track:
         self.blind_spans = tuple(span for span in self.blind_spans if span[1] > start_ns)
         for begin_ns, until_ns in self.blind_spans:
             blind_ns += max(min(until_ns, end_ns) - max(begin_ns, start_ns), 0)
+        left_m_s, right_m_s = (1.0 - n.scale_left) * left_m_s, (1.0 - n.scale_right) * right_m_s
         turn_rad = (right_m_s - left_m_s) / n.tread_m * blind_ns * S_PER_NS
         distance_m = 0.5 * (left_m_s + right_m_s) * (end_ns - start_ns) * S_PER_NS
         middle = self.kf.heading_rad + 0.5 * turn_rad
         n.x_m, n.y_m = n.x_m + distance_m * cos(middle), n.y_m + distance_m * sin(middle)
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
+
+    def take_back(self, then: Memory | None, t_ns: int) -> None:
+        """Restore the constants as known then. (18) P has no correlation of heading and tread after that, by which a
+        turn measured by the wheels alone could be told anew.
+        """
+        self.hindsight.take_back(self.kf, then, t_ns)
+        self.alone_rad = 0.0
 
     def tell_turn_anew(self) -> None:
         """Rescale the turn measured by the wheels alone if a comparison has changed the tread. (34)"""
@@ -153,7 +161,7 @@ class Track:
             self.rejected_rad = 0.0
         _, _, left_m_s, right_m_s, lateral_m_s = wheels or STILL
         _, _, rate_rad_s, sigma_rad_s, _ = gyro or STILL
-        x_m, y_m = kf.nominal.x_m, kf.nominal.y_m
+        x_m, y_m, heading_rad = kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad
         kf.predict(
             dt_s, left_m_s * dt_s, right_m_s * dt_s, rate_rad_s if gyro else None, sigma_rad_s, lateral_m_s * dt_s
         )
@@ -171,21 +179,21 @@ class Track:
         if wheels:
             self.unseen_s, self.blind_s, self.blind_spans, self.reading_ns = 0.0, 0.0, (), wheels.end_ns
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)
-            self.seen_heading_rad = kf.heading_rad
+            self.unseen_turn_rad = 0.0
             if not gyro:
                 kf.anchor_gyro()  # (35)
                 self.no_gyro_s += dt_s
                 self.alone_tread_m = kf.nominal.tread_m
-                by_wheels_rad_s = (right_m_s - left_m_s) / self.alone_tread_m
-                self.alone_rad += by_wheels_rad_s * dt_s
+                self.alone_rad += kf.wheels_rad_s * dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
-                    self.rate_rad_s = by_wheels_rad_s
+                    self.rate_rad_s = kf.wheels_rad_s
             elif left_m_s or right_m_s:
                 self.hindsight.moved(left_m_s * dt_s, right_m_s * dt_s, self.rate_rad_s * dt_s)
                 if self.gyro_heading:  # wheels that stand are believed
                     kf.anchor_wheels()  # (35)
         else:
             self._unseen(start_ns, end_ns, without_gyro=gyro is None)
+            self.unseen_turn_rad += kf.heading_rad - heading_rad
 
     def _regained_turn_rad(self, rates: Stream, from_ns: int) -> float:
         """The gyro's turn in the time that is seen twice, at the step's rate; negative: that is left out."""

@@ -121,6 +121,9 @@ def test_the_bias_can_be_measured_again_only_while_the_robot_stands() -> None:
     e = make(ROBOT)
     feed(e, drive(14, stand_s=12.0, bias_rad_s=1e-4))
     assert e.calibrate_bias() == "the encoders do not confirm a standstill"
+    other = make(ROBOT)
+    feed(other, silence(drive(30, stand_s=30.0), GyroSample, 20.0, 30.0))
+    assert other.calibrate_bias() == "no gyro"
     feed(e, drive(2, stand_s=2.0, bias_rad_s=3e-4, start_s=14.0))
     assert e.calibrate_bias() is None
     poses = feed(e, drive(14, stand_s=12.0, bias_rad_s=3e-4, start_s=16.0))
@@ -294,6 +297,15 @@ def test_publishing_on_the_gyro() -> None:
     for choice in ("wheels", "gyro"):
         counts[choice] = len(feed(make(NO_BIAS + f"output: {{publish_on: {choice}}}\n"), drive(10)))
     assert counts == {"wheels": 200, "gyro": 100}
+
+
+def test_a_gyro_faster_than_the_wheels_brings_no_pose_twice() -> None:
+    fast = [(i / 200, GyroSample(T0 + i * S // 200, 0.005, 0.0, 25.0)) for i in range(1, 2001)]
+    wheels = [x for x in drive(10) if isinstance(x[1], WheelSample)]
+    e = make(NO_BIAS + "fog: {rate_hz: 200}\noutput: {publish_on: gyro}\n")
+    times_ns = [pose.t_ns for pose in feed(e, sorted([*fast, *wheels], key=lambda x: x[0]))]
+    assert len(times_ns) > 150
+    assert times_ns == sorted(set(times_ns))
 
 
 def test_the_same_samples_give_the_same_poses_to_the_bit() -> None:

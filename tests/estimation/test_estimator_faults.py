@@ -169,6 +169,22 @@ def test_where_the_pose_was_set_in_a_gap_the_way_before_it_is_not_gone_again() -
     assert math.hypot(told.x_m - 10.0, told.y_m - 20.0) < 1.1
 
 
+def test_where_the_pose_is_set_before_a_gap_is_known_as_one_its_way_goes_along_the_new_heading() -> None:
+    e = make(KNOWN)
+    for step in range(1, 421):
+        t_ns = T0 + step * S // 20
+        if step % 2 == 0:
+            e.add_gyro(GyroSample(t_ns, 0.1, 0.0, 25.0))
+        if step == 402:  # the wheels are silent since step 400
+            e.set_pose(0.0, 0.0, math.pi, 0.0, 0.0)
+        if not 400 < step < 420:
+            is_first = step == 420
+            pose = e.add_wheels(WheelSample(t_ns, 0.05, 0.05, 0.05, 0.95 * is_first, 0.95 * is_first))
+        e.tick(t_ns)
+    assert pose is not None
+    assert (pose.x_m, pose.y_m) == pytest.approx((-1.0, 0.0), abs=0.06)
+
+
 def test_no_more_is_believed_of_a_gap_than_the_bound_has() -> None:
     far, none = (over_a_gap(make(KNOWN), 2.0, lost_m) for lost_m in (4.1, 0.0))  # 1 m/s, and 1 m/s^2 more
     assert (far.x_m, far.y_m) == (none.x_m, none.y_m)
@@ -204,6 +220,33 @@ def test_a_host_that_stood_still_loses_no_travel_whichever_buffer_is_read_first(
     assert e.counters["late_wheels"] == 0
     assert e.filter.nominal.x_m == pytest.approx(whole.filter.nominal.x_m, abs=1e-3)
     assert e.filter.nominal.heading_rad == pytest.approx(whole.filter.nominal.heading_rad, abs=1e-3)
+
+
+def test_a_silent_gyro_does_not_take_the_wheels_lag_off_the_pose() -> None:
+    e = make(ROBOT + "estimation: {static_bias: {duration_s: 0}, initial: {wheel_lag_s: 0.1}}\n")
+    e.filter.nominal.wheel_lag_s = 0.2
+    straight = [
+        (t, s._replace(rate_rad_s=0.0) if isinstance(s, GyroSample) else s._replace(left_m=0.05, right_m=0.05))
+        for t, s in drive(20.0)
+        if t <= 10.0 or isinstance(s, WheelSample)
+    ]
+    poses = feed(e, straight)
+    assert "fog" in {r.source for r in poses[-1].reasons}
+    steps = [b.x_m - a.x_m for a, b in pairwise(poses[20:])]
+    assert (min(steps), max(steps)) == pytest.approx((0.05, 0.05), abs=1e-3)
+    e.set_pose(0.0, 0.0, 0.0, 0.001, 0.001)
+    after = feed(e, [(20.05, WheelSample(T0 + 401 * S // 20, 0.05, 0.05, 0.05, 0.0))])[-1]
+    assert after.x_m == pytest.approx(0.05, abs=1e-3)
+
+
+def test_the_rate_of_a_robot_without_its_gyro_has_the_wheels_learned_radii() -> None:
+    e = make(KNOWN)
+    feed(e, drive(10))
+    e.filter.nominal.scale_left, e.filter.nominal.scale_right = 0.015, -0.015
+    for step in range(201, 241):
+        pose = e.add_wheels(WheelSample(T0 + step * S // 20, 0.05, 0.05 / 0.985, 0.05 / 1.015, 0.0))
+    assert pose is not None
+    assert pose.rate_rad_s == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_poses_time_never_runs_backward_when_a_sensor_returns() -> None:

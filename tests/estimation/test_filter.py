@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd.config.keys import Noise
-from drd.estimation.filter import Filter, Outcome
+from drd.estimation.filter import LEAST_LAG_S, Filter, Outcome
 from drd.estimation.noise import NoiseProfile, make_noise, paper
 from drd.estimation.state import GYRO_BIAS, GYRO_HEADING, GYRO_SCALE, HEADING, WHEEL_LAG, N, Nominal, Sigmas
 
@@ -110,6 +110,23 @@ def test_update_and_feedback_equal_an_independent_kalman_filter(steps: list[tupl
         assert kf.update(rate) is Outcome.ACCEPTED
         np.testing.assert_allclose(before - vector(kf.nominal), other.x[:, 0], rtol=1e-9, atol=1e-13)
         np.testing.assert_allclose(kf.P, other.P, rtol=1e-7, atol=1e-13)
+
+
+def test_a_lag_beyond_its_limit_becomes_the_nearest_possible_one_given_the_comparison() -> None:
+    kf = make(make_noise("physical", Noise(), TREAD_M), sigmas=dataclasses.replace(SIGMAS, wheel_lag_s=0.2))
+    kf.nominal.tread_m = TREAD_M
+    kf.predict(0.1, 0.1, 0.1, 0.0)
+    kf.predict(0.1, 0.1 - 0.03 * TREAD_M, 0.1 + 0.03 * TREAD_M, 0.6)  # both turn at once, then the wheels ahead
+    kf.nominal.heading_rad += 0.2
+    before, P = vector(kf.nominal), kf.P.copy()
+    assert kf.update(0.6) is Outcome.ACCEPTED
+    K = kf.gain
+    P -= np.outer(K, K) * kf.S
+    expected = before - K * kf.z
+    lag_s = expected[WHEEL_LAG]
+    assert lag_s < LEAST_LAG_S
+    expected -= P[WHEEL_LAG] * (lag_s - LEAST_LAG_S) / P[WHEEL_LAG, WHEEL_LAG]
+    np.testing.assert_allclose(vector(kf.nominal), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_the_corrected_headings_agree_better() -> None:

@@ -228,6 +228,27 @@ def test_a_turn_that_the_gyro_missed_is_told_anew_once_the_tread_is_known() -> N
     assert sigma_rad < 0.4
 
 
+def test_slip_that_is_taken_back_does_not_turn_the_robot_by_the_turn_that_the_gyro_missed() -> None:
+    """Each tread that slip has taught, and that is taken back, would tell the turn of the wheels alone anew."""
+
+    def heading_rad(t_s: float) -> float:  # 1 rad that no gyro sees, then a slalom
+        return 0.5 * min(max(t_s - 5.0, 0.0), 2.0) + 0.625 * (1.0 - math.cos(0.8 * max(t_s - 8.5, 0.0)))
+
+    e = make(ROBOT + "estimation: {static_bias: {duration_s: 0}}\n")
+    random = np.random.default_rng(1)
+    for step in range(1, 601):
+        t_s = step / 20
+        turn_rad = heading_rad(t_s - 0.15) - heading_rad(t_s - 0.2)  # late wheels
+        left_m, slipped_m = 0.04 * (t_s > 3.0) - 0.25 * turn_rad, 0.03 * (9.65 < t_s <= 11.15)
+        pose = e.add_wheels(WheelSample(T0 + step * S // 20, 0.05, left_m, left_m + 0.5 * turn_rad + slipped_m, 0.0))
+        if step % 2 == 0 and not 4.0 < t_s <= 7.0:
+            rate = (heading_rad(t_s) - heading_rad(t_s - 0.1)) / 0.1 + 7.6e-5 * float(random.normal())
+            e.add_gyro(GyroSample(T0 + step * S // 20, 0.1, rate, 25.0))
+    assert pose is not None
+    assert e.counters["released"] > 0
+    assert pose.heading_rad == pytest.approx(heading_rad(30.0), abs=0.3)
+
+
 def test_a_reload_keeps_the_turn_that_the_wheels_alone_have_told() -> None:
     text = ROBOT + "estimation: {static_bias: {duration_s: 0}}\n"
     e, other = make(text), make(text)

@@ -1,9 +1,10 @@
 """Cutting two streams into pieces: time is tiled, nothing is lost, nothing is used twice."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.estimation.timeline import Stream, pieces
+from drd.estimation.timeline import JOINED_NS, Stream, pieces
 
 MS = 1_000_000
 
@@ -56,6 +57,27 @@ def test_what_comes_too_late_is_refused_or_cut() -> None:
     assert not s.add(1090 * MS, 0.1, 2.0, 0.0, 1050 * MS)
     assert not s.add(1100 * MS, 0.1, 2.0, 0.0, 1050 * MS)
     assert len(s.segments) == 1
+
+
+@given(lists, st.integers(1000, 2500))
+def test_joined_segments_turn_as_far_and_end_with_the_stream(gyro: list[tuple[int, int]], from_ms: int) -> None:
+    fast = stream([(hole_ms, length_ms // 10) for hole_ms, length_ms in gyro])
+    joined = fast.joined(from_ms * MS)
+    assert joined.end_ns == fast.end_ns
+    assert len(joined.segments) <= len(fast.segments)
+    longest_ns = max((s.end_ns - s.start_ns for s in joined.segments if s.start_ns >= from_ms * MS), default=0)
+    assert longest_ns <= JOINED_NS
+    turns = [sum(s.a * (s.end_ns - s.start_ns) for s in each.segments) for each in (fast, joined)]
+    assert turns[1] == pytest.approx(turns[0])
+    edges = [s.end_ns for s in joined.segments]
+    kept = [s.end_ns for s in fast.segments if s.end_ns <= from_ms * MS]
+    assert edges[: len(kept)] == kept
+
+
+def test_a_fast_gyro_alone_is_looked_ahead_in_long_steps() -> None:
+    fast = stream([(0, 1)] * 500)
+    assert len(fast.joined(1200 * MS).segments) == 200 + 300 // 50
+    assert len(fast.joined(fast.end_ns).segments) == 500
 
 
 def test_used_segments_are_dropped() -> None:

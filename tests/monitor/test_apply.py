@@ -245,6 +245,26 @@ def test_a_reload_keeps_what_was_taken_and_one_with_it_off_gives_it_back(tmp_pat
     assert found == [{RADII: TYRE}, {}]
 
 
+def test_a_reload_for_other_sensors_gives_back_what_was_taken(tmp_path: Path) -> None:
+    radii = []
+
+    def look(pipeline: Pipeline, _: int) -> None:
+        n = pipeline.estimator.filter.nominal
+        radii.append(n.scale_right - n.scale_left)
+
+    def reload(pipeline: Pipeline, now_ns: int) -> None:
+        look(pipeline, now_ns)
+        text = (tmp_path / "robot.yaml").read_text().replace("ecore,", "ecore, full_scale_deg_s: 120,")
+        pipeline.reload(now_ns, Pipeline(loads(text, Config).value, tmp_path, lambda *_: None), {})
+        assert not pipeline.estimator.knowledge.applied.taken
+        look(pipeline, now_ns)
+
+    circles(tmp_path, {TICK - 1: look, TICK: take(TYRE), TICK + 1: reload})
+    before, adopted, restored = radii
+    assert adopted == pytest.approx(TYRE.value, abs=0.003)
+    assert restored == pytest.approx(before, abs=0.003)
+
+
 def test_nobody_that_takes_nothing_pays_for_it(tmp_path: Path) -> None:
     digests = []
     for name, is_on in (("a", False), ("b", True)):
