@@ -34,7 +34,8 @@ examples:
   drd watch --json | jq --unbuffered .position_bound_99_m
   drd watch --json --once --seconds 2
 
-Exit code: 0 good, 1 drd cannot be reached or sent nothing within --seconds, 2 bad usage.
+Exit code: 0 good, 1 drd cannot be reached (a wrong --connect included) or sent nothing within
+--seconds, 2 bad usage.
 """
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
@@ -61,7 +62,7 @@ def main(argv: list[str]) -> int:
                 heard = view.has_pose if arguments.once else view.heard
     except zenoh.ZError as error:
         print(f"drd watch: {where}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
-        print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
+        print("Is drd running there, and is this one of its output.listen endpoints?", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 0

@@ -351,9 +351,9 @@ class Output:
     """Samples that publish a pose: wheels, or gyro (at most at the encoders' rate)"""
     health_period_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 1.0
     """How often the health is published"""
-    listen: Annotated[tuple[str, ...], "Zenoh end points"] = ("tcp/127.0.0.1:7447",)
+    listen: Annotated[tuple[str, ...], "Zenoh endpoints"] = ("tcp/127.0.0.1:7447",)
     """Zenoh endpoints to listen on; the default can be reached from this machine only"""
-    connect: Annotated[tuple[str, ...], "Zenoh end points"] = ()
+    connect: Annotated[tuple[str, ...], "Zenoh endpoints"] = ()
     """Zenoh endpoints to connect to, such as a router"""
     zenoh_config: Annotated[str, "path"] | None = None
     """Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then ignored.

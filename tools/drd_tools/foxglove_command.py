@@ -172,7 +172,7 @@ def main(argv: list[str]) -> int:
             stop.wait()
     except zenoh.ZError as error:
         print(f"drd foxglove: {where}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
-        print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
+        print("Is drd running there, and is this one of its output.listen endpoints?", file=sys.stderr)
         return 1
     except (OSError, RuntimeError) as error:
         print(f"drd foxglove: cannot listen on {host}:{port}: {error}", file=sys.stderr)

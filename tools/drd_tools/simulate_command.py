@@ -156,7 +156,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--world", choices=WORLDS, default=WORLDS[0],
         help="formulas (default), or mujoco: contact physics, see `drd simulate --world mujoco --help`")  # fmt: skip
     add("--mission", default="warehouse", metavar="NAME", help="what is driven, see below (default warehouse)")
-    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help="as many whole laps as fit (default: one lap)")
+    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help="laps, the last one cut (default: one lap)")
     add("--seed", type=whole(0), default=0, metavar="N", help="other noise (default 0)")
     add("--robot", type=Path, metavar="FILE", help="robot.yaml (default: a small skid-steer robot with an RD2100 gyro)")
     add("--model", type=Path, metavar="FILE", help="effects, and keys that replace robot.yaml's, see below")
@@ -170,7 +170,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--jitter", type=number(0.0, 1.0), default=0.0, metavar="S", help="scatter of the stamps (default 0)")
     add("--reference-latency", type=number(0.0, 1.0), default=0.0, metavar="S", help="age of the reference's poses")
     add("--reference-lever", type=_lever, default=(0.0, 0.0), metavar="X,Y", help="point it sees: forward, left, m")
-    add("--stressed", action="store_true", help="noise off the data sheets, heavy tails, late reference off the centre")
+    add(
+        "--stressed",
+        action="store_true",
+        help="noise unlike the data sheets', heavy tails, late reference off the centre",
+    )
     add("--config", type=Path, metavar="FILE", help="with .mcap: the daemon's configuration (default: robot.yaml's)")
     add("--real-bus", action="store_true", help="with --live: allow a CAN bus that is not virtual")
     add = parser.add_mutually_exclusive_group(required=True).add_argument

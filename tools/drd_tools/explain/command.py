@@ -35,7 +35,7 @@ EXAMPLES = """\
 examples:
   drd explain run_07/
   drd explain run_07/ --from 120 --to 180 --output out/explain
-  drd explain /var/lib/drd-mybot/recordings/20260102T100000Z-001.mcap --calibration gyro/calibration.yaml
+  drd explain mybot-20260102T100000Z-1f0c9a55-0001.mcap --calibration gyro/calibration.yaml
   drd explain --draw out/explain
 
 DIR receives results.json, report.html and pictures; --draw redraws report and pictures from results.json. Times are

@@ -43,7 +43,7 @@ def main(argv: list[str]) -> int:
     parser = command("drd fleet prior", DESCRIPTION, EXAMPLES)
     add = parser.add_argument
     add("store", metavar="STORE", help="folder or bucket that drd fleet update has filled")
-    add("--robot", required=True, metavar="ID", help="whose")
+    add("--robot", required=True, metavar="ID", help="robot for which to write the prior")
     add("--place", metavar="NAME", help="place of the next drives (default: any)")
     add("--before", type=datetime.fromisoformat, metavar="DATE", help="only recordings before (default: all)")
     what = parser.add_mutually_exclusive_group(required=True)
@@ -51,7 +51,7 @@ def main(argv: list[str]) -> int:
     what.add_argument("--check", type=Path, nargs="+", metavar="RECORDING", help="folders of the store's recordings")
     chosen = parser.parse_args(argv)
     if chosen.output is not None and chosen.output.name != "model.yaml":
-        parser.error("--output is a file named model.yaml")
+        parser.error(f"--output: expected a file named model.yaml, got {chosen.output.name}")
     store = existing(chosen.store)
     table, done = store.table("constants").to_pydict(), store.table("maintenance").to_pylist()
     if chosen.check is not None:

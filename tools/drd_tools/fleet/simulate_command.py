@@ -76,7 +76,7 @@ def main(argv: list[str]) -> int:
         else:
             _record(fleet, chosen.seed, chosen.seconds, chosen.output / "recordings", chosen.jobs)
     print(f"wrote {chosen.output}: {len(fleet.drives)} recordings of {chosen.robots} robots, {len(fleet.happenings)} "
-          f"happenings, {len(fleet.maintenance)} lines of maintenance")  # fmt: skip
+          f"events, {len(fleet.maintenance)} maintenance entries")  # fmt: skip
     return 0
 
 

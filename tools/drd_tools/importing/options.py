@@ -34,7 +34,7 @@ examples:
   drd import log.blf --config mybot.yaml --wheels can --gyro-file gyro.csv --gyro rate --gyro-unit deg_s --output run
   drd import imu.log.gz --time 3 --time-unit ms --gyro 7,8,9 --gyro-unit rad --axis x --output run
 
-exit codes: 0 done, 2 bad usage or input, or data that do not determine what was requested
+Exit code: 0 done, 2 bad usage or input, or data that do not determine what was requested
 """
 
 
@@ -72,7 +72,7 @@ def _add_meanings(made: argparse.ArgumentParser) -> None:
     add("--axis", choices=("x", "y", "z", "auto"), default="z", help="the gyro's vertical axis (default z)")
     add("--sign", choices=("+", "-", "auto"), default="+", help="+: its counter-clockwise is positive (default)")
     add("--swap", choices=("no", "yes", "auto"), default="no", help="exchange left and right (default no)")
-    add("--reverse", choices=("left", "right", "both"), help="turn the sign of wheels round, after --swap")
+    add("--reverse", choices=("left", "right", "both"), help="reverse the sign of these wheels, after --swap")
     text = "the gyro's values; rad and deg: angle since the row before (default rad_s for topics)"
     add("--gyro-unit", choices=GYRO_UNITS, help=text)
     add("--gyro-scale", type=POSITIVE, default=1.0, metavar="F", help="factor on the gyro's values (default 1)")

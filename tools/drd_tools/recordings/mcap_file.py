@@ -125,7 +125,7 @@ class McapFile:
             return f"{text}; how much is missing after that cannot be known"
         return (
             f"{text}; at most {killed_s:g} s are missing if the daemon was killed, {power_s:g} s if the power failed; "
-            "of a file cut later, in copying, nobody knows"
+            "if the file was cut later, while being copied, the loss is unknown"
         )
 
     def messages(self, *topics: str) -> Iterator[Recorded]:

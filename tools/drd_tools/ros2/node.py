@@ -39,7 +39,7 @@ DEPTH: Final = 10
 class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
     """A node of ROS 2 by the name of drd. Call `connect` once and `close` at the end.
 
-    Parameters: `connect` (Zenoh end point of the daemon), `zenoh_config` (a file instead), `prefix` (the daemon's
+    Parameters: `connect` (Zenoh endpoint of the daemon), `zenoh_config` (a file instead), `prefix` (the daemon's
     output.prefix), `frame_id` and `child_frame_id` (empty: the daemon's), `topics.odom`, `.tf`, `.imu` and
     `.diagnostics` (empty: not published). Services set_pose and reset, and the topic set_pose, are passed on; the
     daemon refuses them unless its output.commands is true.

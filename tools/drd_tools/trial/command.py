@@ -92,7 +92,7 @@ def main(argv: list[str]) -> int:
             run(chosen)
         return 0
     if not (drawn or instead):
-        parser.error("give --each N, --large, --folder DIR, --plant DIR, --distances, --live N or --fleet N")
+        parser.error("give --each N, --large, --folder DIR, --plant RECORDINGS, --distances, --live N or --fleet N")
     if instead and (drawn or (chosen.plant and chosen.distances)):
         parser.error("--plant and --distances cannot be combined with each other, --each, --large or --folder")
     if chosen.distances:

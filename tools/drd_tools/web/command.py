@@ -49,7 +49,7 @@ def main(argv: list[str]) -> int:
     try:
         link = DaemonLink(zenoh_config(arguments), arguments.prefix)
     except zenoh.ZError as error:
-        raise ConfigError("--connect", "", "a Zenoh end point, or a good --zenoh-config", tidy(error)) from error
+        raise ConfigError("--connect", "", "a Zenoh endpoint, or a good --zenoh-config", tidy(error)) from error
     # Anybody who can connect could fill aiohttp's log.
     logging.getLogger("aiohttp").setLevel(logging.CRITICAL)
     try:

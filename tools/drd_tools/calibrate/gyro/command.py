@@ -46,7 +46,7 @@ examples:
   drd calibrate gyro rates/ --held-out again/ --latitude 48.1 --output gyro
   drd calibrate gyro --live robot.yaml --rates -100,-50,0,50,100 --seconds 30 rates/ --output gyro
 
-exit codes: 0 done, 1 cannot write, 2 bad usage or data, or data that do not determine the result
+Exit code: 0 done, 1 cannot write, 2 bad usage or data, or data that do not determine the result
 """
 
 

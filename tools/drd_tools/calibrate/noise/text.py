@@ -173,7 +173,7 @@ def snippet(result: GyroNoise) -> str:
     log, bias = result.log, result.bias_rad_s * DEG_PER_RAD
     file = "".join(c if c.isprintable() else "?" for c in result.whole.file)
     return f"""\
-# Gyro noise for drd's configuration: merge it into the section `estimation` there.
+# Gyro noise for drd's configuration, to be merged into it.
 # Made by `drd calibrate noise` of drd {__version__} on {when}.
 # Log: {file}
 # sha256: {result.whole.sha256}
