@@ -254,12 +254,16 @@ def test_the_python_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     fog, encoders, truth = recording.fog, recording.encoders, recording.reference
     assert fog is not None
     assert truth is not None
+    assert encoders.left_counts is not None
+    assert encoders.right_counts is not None
+    assert DEFAULT.counts_per_revolution is not None
+    per_count = 4096 / DEFAULT.counts_per_revolution * DEFAULT.wheel_radius_m / 0.1  # of the robot that the page shows
     names: dict[str, Any] = {
         "gyro": {"time_s": fog.time_s, "rate_deg_s": np.degrees(fog.rate_rad_s)},
         "wheels": {
             "time_s": encoders.time_s,
-            "left_counts": encoders.left_counts,
-            "right_counts": encoders.right_counts,
+            "left_counts": np.round(per_count * encoders.left_counts),
+            "right_counts": np.round(per_count * encoders.right_counts),
         },
         "pose": {
             "time_s": truth.time_s,

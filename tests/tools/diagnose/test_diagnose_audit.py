@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected, simulated
 
+from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.observe.audit import _alike_at_the_top, audit
+from drd_tools.diagnose.observe.audit import _alike_at_the_top, audit, jumped
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.selected import Selected
@@ -118,6 +119,40 @@ def test_steps_at_a_dropout_are_doubted_and_others_are_not() -> None:
     assert (e.left_inflation_m2[inside] > 0.1**2).all()
     assert (e.left_inflation_m2[~inside] > 0.0).mean() < 0.01
     assert (e.right_inflation_m2 > 0.0).mean() < 0.01
+
+
+def moved(recording: Recording, by: Array, kept: Array | None = None) -> Recording:
+    """With other positions of the reference, (m, 2), and only the rows `kept` (m,)."""
+    r, rows = recording.reference, slice(None) if kept is None else kept > 0.0
+    assert r is not None
+    columns = r.time_s, r.x_m + by[:, 0], r.y_m + by[:, 1], r.heading_rad
+    time_s, x_m, y_m, heading_rad = (column[rows] for column in columns)
+    return replace(recording, reference=replace(r, time_s=time_s, x_m=x_m, y_m=y_m, heading_rad=heading_rad))
+
+
+def test_a_jump_of_the_reference_is_one_and_a_gap_or_more_noise_than_stated_is_none() -> None:
+    made = recorded(SLALOM, 1)
+    assert made.reference is not None
+    at_s = made.reference.time_s
+    still, noise = np.zeros((len(at_s), 2)), np.random.default_rng(1).normal(0.0, 0.06, (len(at_s), 2))
+    step = still + (at_s > 50.0)[:, None]
+    gap = np.where((at_s > 30.0) & (at_s < 50.0), 0.0, 1.0)
+    counts = [
+        np.count_nonzero(jumped(audit(r, gather(r)).evidence))
+        for r in (made, moved(made, step), moved(made, still, gap), moved(made, noise), moved(made, noise + 2.0 * step))
+    ]
+    assert counts == [0, 1, 0, 0, 1]
+
+
+def test_speeds_that_spike_both_ways_are_noise_and_hide_no_turn() -> None:
+    made = recorded(SLALOM, 1)
+    log, random = made.encoders, np.random.default_rng(1)
+    assert log.left_counts is not None
+    spikes = 200.0 * random.choice([-1.0, 1.0], len(log.time_s)) * (random.random(len(log.time_s)) < 0.02)
+    spiked = replace(made, wheels=replace(log, left_counts=log.left_counts + np.cumsum(np.round(spikes))))
+    found = audit(spiked, gather(spiked))
+    assert found.events == []
+    assert found.evidence.left_inflation_m2.max() == 0.0
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from drd.effects.effect import NOMINAL
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants
+from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.grids import MOST_STEPS
 from drd_tools.recordings.folder import Recording
@@ -257,6 +258,16 @@ def headings(recording: Recording, factor: float) -> Recording:
     return replace(recording, reference=replace(reference, heading_rad=factor * reference.heading_rad))
 
 
+def offset(recording: Recording, degrees: float) -> Recording:
+    reference = recording.reference
+    assert reference is not None
+    return replace(recording, reference=replace(reference, heading_rad=reference.heading_rad + np.radians(degrees)))
+
+
+def scaled(recording: Recording, factor: float) -> Recording:
+    return changed(recording, "wheels", np.ones(len(recording.encoders.time_s), bool), factor=factor)
+
+
 def swapped(recording: Recording) -> Recording:
     log = recording.encoders
     return replace(recording, wheels=replace(log, left_counts=log.right_counts, right_counts=log.left_counts))
@@ -269,6 +280,11 @@ def swapped(recording: Recording) -> Recording:
         (lambda r: gyro(r, np.pi / 180.0), "", "radians were taken for degrees"),
         (swapped, "encoders.csv", "left and right are swapped"),
         (lambda r: headings(replace(r, fog=None), np.pi / 180.0), "", "degrees were taken for radians"),
+        (lambda r: headings(r, -1.0), "reference.csv", "turns against both"),
+        (lambda r: offset(r, 90.0), "reference.csv", r"\+[89]. deg off"),
+        (lambda r: offset(replace(r, fog=None), -20.0), "reference.csv", "-[12]. deg off"),
+        (lambda r: scaled(r, 4.0), "encoders.csv", r"4\.\d+ times"),
+        (lambda r: scaled(r, 0.2), "encoders.csv", r"0\.2\d* times"),
     ],
 )
 def test_a_sensor_that_turns_the_other_way_or_in_another_unit_is_no_missing_physics(
@@ -279,6 +295,14 @@ def test_a_sensor_that_turns_the_other_way_or_in_another_unit_is_no_missing_phys
     with pytest.raises(ConfigError, match=told) as error:
         analyse(turned(right))
     assert Path(error.value.where) == right.folder / where
+
+
+@pytest.mark.parametrize("drive", [SHORT, ("eights", 60.0), ("spins", 60.0)])
+def test_a_robot_that_slips_half_of_its_way_on_one_side_or_is_mounted_askew_is_diagnosed(
+    drive: tuple[str, float],
+) -> None:
+    slips = selected("surface_slip", t0=0.0, t1=100.0, left=0.0, right=0.5)
+    check_conventions(offset(recorded(drive, 1, slips), 10.0))
 
 
 def test_headings_that_turn_the_other_way_than_wheels_do_not_end_the_calibration_in_an_overflow() -> None:

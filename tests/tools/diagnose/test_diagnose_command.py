@@ -101,6 +101,8 @@ def test_bad_input_is_one_clear_error(tmp_path: Path, capsys: pytest.CaptureFixt
 
     assert "nowhere" in told(str(tmp_path / "nowhere"), "--output", out)
     assert "nowhere" in told(str(folder), "--held-out", str(tmp_path / "nowhere"), "--output", out)
+    assert "more than once" in told(str(folder), str(folder), "--output", out)
+    assert "other recordings" in told(str(folder), "--held-out", str(folder), "--output", out)
     (tmp_path / "taken").write_text("")
     assert "taken" in told(str(folder), "--output", str(tmp_path / "taken"))
     (folder / "fog.csv").write_text("time_s,rate_deg_s\n0.1,fast\n")

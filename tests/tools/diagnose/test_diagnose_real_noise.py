@@ -1,7 +1,8 @@
 """Noise of real ground: tails, colour, and speeds that a drive holds are seen, and only where they are. (77), (78)"""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,6 +194,37 @@ def test_a_delay_of_wheels_without_a_gyro_is_found_alone_and_with_its_size(name:
     (cause,) = analysis.conclusion.causes
     assert cause.selected is not None
     assert cause.selected.number("delay") == pytest.approx(0.15 + 0.03, abs=0.04)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize("name", ["square_231220200040_run-03", "square_231220200029_run-05"])
+def test_tread_and_radius_that_are_both_off_are_both_found_without_a_gyro(name: str) -> None:
+    """Each turn on the spot spikes the speeds, in both directions: variance for that would hide the tread."""
+    made = read_recording(SHARED / f"optiodom_{name}")
+    nominal = made.nominal
+    wrong = replace(nominal, tread_m=1.1 * nominal.tread_m, wheel_radius_m=0.97 * nominal.wheel_radius_m)
+    found = {c.effect: c.selected for c in analyse(replace(made, nominal=wrong)).conclusion.causes}
+    assert found.keys() == {"tread_error", "wheel_radius_error"}
+    assert found["tread_error"] is not None
+    assert found["tread_error"].number("k") == pytest.approx(1.0 / 1.1 - 1.0, abs=0.012)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize("begin_s", [40.0, 50.0])
+def test_a_gyros_constant_bias_does_not_explain_slow_errors(begin_s: float) -> None:
+    """Cut from a longer drive, this one hardly stands at first; its reference's lag varies."""
+    made = read_recording(SHARED / "warthog_asphalt_2024_9_25_12h8s57")
+    cut = [_between(log, begin_s, 130.0) for log in (made.fog, made.wheels, made.reference)]
+    names = {c.effect for c in analyse(replace(made, fog=cut[0], wheels=cut[1], reference=cut[2])).conclusion.causes}
+    assert {"tread_error", "encoder_latency"} <= names
+    assert not {name for name in names if name.startswith("gyro_")}
+
+
+def _between(log: Any, begin_s: float, end_s: float) -> Any:
+    """The rows of a log between two times, from time 0 on."""
+    rows = (log.time_s >= begin_s) & (log.time_s < end_s)
+    columns = {f.name: v[rows] for f in fields(log) if isinstance(v := getattr(log, f.name), np.ndarray)}
+    return replace(log, **{**columns, "time_s": columns["time_s"] - begin_s})
 
 
 def test_noise_sideways_is_not_taken_for_noise_of_turns_where_all_is_to_be_told() -> None:

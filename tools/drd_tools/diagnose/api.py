@@ -21,7 +21,8 @@ def diagnose(
 
     `gyro`: time_s, rate_deg_s and, where known, temperature_c. `wheels`: time_s and left_counts, right_counts, or
     left_rad_s, right_rad_s. `reference`: time_s, x_m, y_m, heading_deg. Two of the three are needed, with times of one
-    clock. Raises ConfigError if columns are missing, or do not overlap in time.
+    clock. Raises ConfigError if columns are missing, do not overlap in time, or contradict each other in sign, unit or
+    scale.
     """
     encoders = None if wheels is None else wheel_log(wheels, robot)
     recording = Recording(Path(robot.name), robot, encoders, gyro_log(gyro), _reference(reference), {})

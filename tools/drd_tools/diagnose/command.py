@@ -63,6 +63,8 @@ def main(argv: list[str]) -> int:
     if not chosen.recordings:
         parser.error("give a RECORDING")
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
+    if fitted := {r.folder.resolve() for r in recordings} & {r.folder.resolve() for r in held_out}:
+        raise ConfigError("--held-out", "", "other recordings than those of the fit", ", ".join(map(str, fitted)))
     names = ", ".join(r.name for r in recordings)
     pieces = [part for recording in recordings for part in parts(recording)]
     # One part of 20 minutes at a time: each needs half a gigabyte.
@@ -77,9 +79,8 @@ def main(argv: list[str]) -> int:
 def _read(paths: Sequence[Path]) -> list[Recording]:
     """Read all input, and check it before minutes of work begin."""
     recordings = [read(path) for path in paths]
-    names = [r.name for r in recordings]
-    if len(set(names)) < len(names):
-        raise ConfigError("RECORDING", "", "recordings of different names", ", ".join(names))
+    if repeated := [name for name, n in Counter(r.name for r in recordings).items() if n > 1]:
+        raise ConfigError("RECORDING", "", "recordings of different names", f"{', '.join(repeated)} more than once")
     for recording in recordings:
         gather(recording)
         check_conventions(recording)

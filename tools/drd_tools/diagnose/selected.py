@@ -58,6 +58,12 @@ class Selected:
         return parameter(self.effect, name)
 
     @property
+    def beside(self) -> Effect | None:
+        """The linear effect that was fitted together with it, of size SCALE, unless its own parameters absorb that."""
+        is_separate = SCALE.name in self.values and self.effect.absorbed(self.values, 0.0) is None
+        return self.effect.beside if is_separate else None
+
+    @property
     def begin_s(self) -> float | None:
         """Time from which it acts; None if it acts from the start."""
         return self.number(START.name) if START.name in self.values else None

@@ -9,7 +9,7 @@ from drd.effects.effect import ActsOn
 from drd_tools.diagnose.results import UNNAMED, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import CHANNELS, Curve
-from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.diagnose.series import NO_GAIN, Gain
 
 
@@ -86,6 +86,10 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
             unit = "" if q.unit == "1" else f" {q.unit}"
             value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
             shown.append(f"{q.name} = {rounded(value, sigma)}{unit}")
+    if (beside := selected.beside) is not None:
+        (q,) = beside.parameters
+        size = rounded(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si)
+        shown.append(f"together with {beside.id}, {q.name} = {size}")
     share = ""
     if explains is not None:
         percent = f"{100.0 * explains:.0f}" if explains >= 0.01 else "less than 1"

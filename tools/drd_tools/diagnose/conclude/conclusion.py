@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
+from drd.effects.effect import ActsOn
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.confirm import OtherHalf, chance_gains, curve_nats, e_value, family_wise_p
 from drd_tools.diagnose.conclude.identify import Identifiability
@@ -23,7 +24,9 @@ from drd_tools.diagnose.conclude.reference import BARELY, over_the_reference
 from drd_tools.diagnose.conclude.rivals import LEAST_PROBABILITY, beside_nothing, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
+from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.observe.events import Event
+from drd_tools.diagnose.observe.evidence import INFLATION
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Because, Smallest
@@ -68,7 +71,7 @@ def conclude(
     """
     constants = {*calibrated, *expected}
     logic = [e.selected for e in events]
-    found = _straight(found)
+    found = _beyond_a_bias(_straight(found))
     before, search = found.fit, Search(found.problem, logic)
     tests = _tests(found, search)
     found = _held(found, search, tests, constants, expected)
@@ -125,8 +128,7 @@ def _or_the_reference(cause: Cause, odds: float) -> Cause:
 def _straight(found: Found) -> Found:
     """Replace an effect by its linear term alone if its nonlinear part gains next to nothing."""
     for one in found.fit.selection:
-        line = one.effect.beside
-        if line is None or SCALE.name not in one.values or one.effect.absorbed(one.values, 0.0) is not None:
+        if (line := one.beside) is None:
             continue
         (q,) = line.parameters
         straight = Selected(line, {q.name: one.number(SCALE.name)}, (q.name,))
@@ -135,6 +137,24 @@ def _straight(found: Found) -> Found:
         if fit.cost - found.fit.cost < LEAST_NATS:
             found = replace(found, fit=fit)
     return found
+
+
+def _beyond_a_bias(found: Found) -> Found:
+    """Drop effects on the gyro that gain next to nothing where its constant bias is free. (78)
+
+    Rows divided by their long-run deviation tell little of the bias's prior: one of degrees per second, which the
+    filter has forgotten after seconds, would explain slow errors of a real reference.
+    """
+    problem, e = found.problem, found.problem.evidence
+    if e.gyro_rad is None or not e.is_far:
+        return found
+    free = problem.beside(Sensitivity(gyro_rad=INFLATION * e.datasheet.bias_rad_s * e.step_s))
+    kept = list(found.fit.selection)
+    for one in found.fit.selection:
+        others = [c for c in kept if c is not one]
+        if one.effect.acts_on is ActsOn.GYRO and refine(free, others).cost - refine(free, kept).cost < LEAST_NATS:
+            kept = others
+    return found if len(kept) == len(found.fit.selection) else linearised(problem, refine(problem, kept), found.null)
 
 
 def _left_over(

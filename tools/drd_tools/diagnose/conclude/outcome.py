@@ -63,8 +63,7 @@ def terms_of(conclusion: Conclusion) -> list[Term]:
     motion, made = conclusion.found.problem.sensitivities.motion, []
     for selected in (c.selected for c in conclusion.causes if c.selected is not None):
         made.append(term_of(motion, selected))
-        beside = selected.effect.beside
-        if beside and SCALE.name in selected.values and selected.effect.absorbed(selected.values, 0.0) is None:
+        if (beside := selected.beside) is not None:
             (q,) = beside.parameters
             amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
             why = f"linear term fitted together with {selected.id}"

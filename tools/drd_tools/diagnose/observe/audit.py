@@ -3,6 +3,7 @@
 Events are not regressed: where they occur they are nearly certain, and elsewhere they explain nothing.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,6 +16,7 @@ from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog, FogLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import Symptom
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2
 from drd_tools import robust
 from drd_tools.diagnose.observe.events import Event, runs
 from drd_tools.diagnose.observe.evidence import LONGEST_FIX_S, Evidence
@@ -78,9 +80,16 @@ def _with_jumps(e: Evidence) -> Evidence:
     if e.gyro_rad is not None:
         edges = e.edges_s
         off_rad = moved[:, 2] - np.diff(np.interp(at, edges, cumulative(e.gyro_rad)))
-        off_rad = np.abs(off_rad - np.median(off_rad))
-    sheet = e.datasheet
-    is_jump = (off_m > JUMP_SIGMAS * sheet.position_m) | (off_rad > JUMP_SIGMAS * sheet.heading_rad)
+        off_rad -= np.median(off_rad)
+    # The stated noise may be too small. The second difference of three rows has six times their variance.
+    position_m = max(e.datasheet.position_m, robust.deviation(np.diff(moved[:, :2], axis=0)) / math.sqrt(6.0))
+    heading_rad = max(e.datasheet.heading_rad, robust.deviation(off_rad) / math.sqrt(2.0))
+    # After a longer gap, neither the speed nor the gyro's turn is known as well.
+    unseen_s = np.maximum(gap_s - LONGEST_FIX_S, 0.0)
+    unseen_m, unseen_rad = 0.5 * UNSEEN_ACCELERATION_M_S2 * unseen_s**2, e.datasheet.bias_rad_s * unseen_s
+    off_rad = np.abs(off_rad)
+    is_jump = off_m > JUMP_SIGMAS * position_m + unseen_m
+    is_jump |= off_rad > JUMP_SIGMAS * (heading_rad + unseen_rad)
     jump_m2, jump_rad2 = e.jump_m2.copy(), e.jump_rad2.copy()
     step, first_after = e.fix_step[1:][is_jump], 1 + np.flatnonzero(is_jump)
     np.add.at(jump_m2, step, off_m[is_jump] ** 2)
@@ -176,6 +185,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     if log.left_counts is None or log.right_counts is None:
         return []
     more, less, added, distance = 0, 0, 0.0, 0.0
+    doubted: list[tuple[Array, npt.NDArray[np.intp], Array]] = []
     for counts, inflation in ((log.left_counts, left), (log.right_counts, right)):
         travel = np.diff(counts) * e.datasheet.count_m
         usual = _neighbours(travel)
@@ -200,10 +210,13 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
         size = (travel - usual)[spike]
         index = np.searchsorted(e.time_s, at - 1e-9)
         good = index < len(inflation)
-        np.add.at(inflation, index[good], size[good] ** 2)
+        doubted.append((inflation, index[good], size[good] ** 2))
     total = more + less
     if total == 0 or bdtrc(more - 1, total, 0.5) > ONE_SIDED_P:
         return []
+    # Spikes of both signs are a drive's noise, most of it in turns, which variance there would hide.
+    for inflation, index, variance_m2 in doubted:
+        np.add.at(inflation, index, variance_m2)
     effect = showing(Symptom.JUMPED)
     selected = Selected(effect, effect.shown(size=added / distance), effect.linear())
     nats = (more - less) * float(np.log(2.0))

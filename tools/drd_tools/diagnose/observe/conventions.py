@@ -1,8 +1,13 @@
-"""Check signs, sides and units of a recording as `drd import` does: no physical effect inverts a sensor."""
+"""Check signs, sides, units and scale of a recording as `drd import` does: no physical effect inverts a sensor."""
 
-from typing import Final
+from collections.abc import Iterator
+from typing import Final, NamedTuple
 
+import numpy as np
+
+from drd.arrays import Array
 from drd.config.schema import ConfigError
+from drd.units import DEG_PER_RAD
 from drd_tools.importing.checks import WRONG, Finding, mistaken_unit
 from drd_tools.importing.examine import GyroRates, WheelTravel, examine
 from drd_tools.recordings.folder import Recording
@@ -10,25 +15,88 @@ from drd_tools.recordings.folder import Recording
 # By the first word of a check: file, key and expected convention (REP 103, and the names of the columns).
 EXPECTED: Final = {
     "sign": ("fog.csv", "rate_deg_s", "a rate that is positive counter-clockwise"),
+    "heading": ("reference.csv", "heading_deg", "a heading that is positive counter-clockwise"),
     "sides": ("encoders.csv", "", "the left wheel on the left, and both positive ahead"),
     "unit": ("", "", "rate_deg_s and heading_deg in degrees"),
 }
 MOST_LAG_S: Final = 1.0  # between two sensors: real references are up to 0.5 s late
+SPAN_S: Final = 2.0  # in which travel and displacement are compared: beyond four times that lag, and short in a turn
+LEAST_M: Final = 0.2  # of displacement in a span, and the next beyond a reference's noise
+LEAST_SIGMAS: Final = 20.0
+FEWEST_SPANS: Final = 5
+MOST_SCALE: Final = 2.0  # of the wheels' travel: the calibrator covers 10 %, and slip of most of a drive not half
+MOST_OFFSET_DEG: Final = 15.0  # mounted by eye it is less, and the diagnosis is linear in it
+ALIGNED: Final = 0.9  # resultant length of the directions: 25 deg of scatter
+
+
+class Spans(NamedTuple):
+    """Spans of a drive (n,): the wheels' travel, the reference's displacement, and its direction, ahead or astern as
+    the wheels drive, less the reference's heading.
+    """
+
+    travel_m: Array
+    displacement_m: Array
+    direction_rad: Array
 
 
 def check_conventions(recording: Recording) -> None:
-    """Check that all sensors turn the same way, in the same unit. Raises ConfigError if they certainly do not."""
-    fog, log, nominal = recording.fog, recording.wheels, recording.nominal
+    """Check that all sensors turn the same way, in the same unit, that wheels and reference go as far, and that the
+    reference's heading is the robot's. Raises ConfigError if they certainly do not.
+    """
+    for file, key, expected, got in (*_turning(recording), *_driving(recording)):
+        raise ConfigError(str(recording.folder / file), key, expected, got)
+
+
+def _turning(recording: Recording) -> Iterator[tuple[str, str, str, str]]:
+    """Complaints about turns: file, key, what is expected, and what was found."""
+    fog, wheels = recording.fog, _wheels(recording)
     gyro = None if fog is None else GyroRates(fog.time_s, fog.rate_rad_s[:, None], ("z",))
-    wheels = None
-    if log is not None:
-        left_m, right_m = (nominal.wheel_radius_m * angle for angle in recording.wheel_angles_rad())
-        wheels = WheelTravel(log.time_s, left_m, right_m, nominal.tread_m)
     for finding in examine(gyro, wheels, recording.reference, axis=None, sign=1, max_lag_s=MOST_LAG_S).findings:
-        what = finding.check.partition(",")[0]
+        what, text = finding.check.partition(",")[0], finding.text
+        if what == "sign" and finding.numbers.get("correlation_wheels", 0.0) > 0.0:
+            what, text = "heading", "one that turns against both gyro and wheels"
         if finding.verdict == WRONG and what in EXPECTED and (what != "unit" or _is_in_another_unit(finding)):
-            file, key, expected = EXPECTED[what]
-            raise ConfigError(str(recording.folder / file), key, expected, finding.text)
+            yield *EXPECTED[what], text
+
+
+def _driving(recording: Recording) -> Iterator[tuple[str, str, str, str]]:
+    """Complaints about distances and directions."""
+    if (spans := _spans(recording)) is None:
+        return
+    scale = float(np.median(np.abs(spans.travel_m) / spans.displacement_m))
+    if scale and not 1.0 / MOST_SCALE < scale < MOST_SCALE:  # dead counters are another matter
+        expected = "travel as in reference.csv"
+        got = f"{scale:.3g} times as much: check unit, radius_m and counts_per_revolution (gear, quadrature)"
+        yield "encoders.csv", "", expected, got
+    mean = np.exp(1j * spans.direction_rad).mean()
+    offset_deg = -float(np.angle(mean)) * DEG_PER_RAD
+    if abs(mean) > ALIGNED and abs(offset_deg) > MOST_OFFSET_DEG:
+        got = f"one {offset_deg:+.0f} deg off the way its wheels drive it"
+        yield "reference.csv", "heading_deg", "the robot's heading", got
+
+
+def _wheels(recording: Recording) -> WheelTravel | None:
+    log, nominal = recording.wheels, recording.nominal
+    if log is None:
+        return None
+    left_m, right_m = (nominal.wheel_radius_m * angle for angle in recording.wheel_angles_rad())
+    return WheelTravel(log.time_s, left_m, right_m, nominal.tread_m)
+
+
+def _spans(recording: Recording) -> Spans | None:
+    """The spans in which the robot drives far enough; None if they are too few, or the reference is too sparse."""
+    wheels, r = _wheels(recording), recording.reference
+    if wheels is None or r is None or len(r.time_s) < FEWEST_SPANS or np.median(np.diff(r.time_s)) > SPAN_S:
+        return None
+    at_s = np.arange(max(wheels.time_s[0], r.time_s[0]), min(wheels.time_s[-1], r.time_s[-1]), SPAN_S)
+    travel_m = np.diff(np.interp(at_s, wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m)))
+    step = np.diff(np.interp(at_s, r.time_s, r.x_m) + 1j * np.interp(at_s, r.time_s, r.y_m))
+    heading_rad = np.interp(at_s[:-1] + 0.5 * SPAN_S, r.time_s, r.heading_rad)
+    far = np.abs(step) > max(LEAST_M, LEAST_SIGMAS * (recording.nominal.reference_position_sigma_m or 0.0))
+    if far.sum() < FEWEST_SPANS:
+        return None
+    turned = np.angle(step * np.exp(-1j * heading_rad) * np.where(travel_m < 0.0, -1.0, 1.0))
+    return Spans(travel_m[far], np.abs(step[far]), turned[far])
 
 
 def _is_in_another_unit(finding: Finding) -> bool:

@@ -115,6 +115,12 @@ class Problem:
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
+    def beside(self, sensitivity: Sensitivity) -> "Problem":
+        """A problem with one more nuisance, of which the sensitivity is a standard deviation."""
+        made = self.with_data(self.data)
+        made.nuisance = np.column_stack([self.nuisance, self.whiten([sensitivity])])
+        return made
+
     def along(self, change: Change, is_read: bool = False) -> "Problem":
         """The problem with sensitivities along the changed motion. `is_read`: the change turns the motion into the
         sensors' readings, to which the selected geometry and delays are not added again.
