@@ -284,7 +284,8 @@ def swapped(recording: Recording) -> Recording:
         (lambda r: offset(r, 90.0), "reference.csv", r"\+[89]. deg off"),
         (lambda r: offset(replace(r, fog=None), -20.0), "reference.csv", "-[12]. deg off"),
         (lambda r: scaled(r, 4.0), "encoders.csv", r"4\.\d+ times"),
-        (lambda r: scaled(r, 0.2), "encoders.csv", r"0\.2\d* times"),
+        (lambda r: scaled(r, 2.0), "encoders.csv", r"2(\.\d+)? times"),
+        (lambda r: scaled(r, 0.5), "encoders.csv", r"0\.[45]\d* times"),
     ],
 )
 def test_a_sensor_that_turns_the_other_way_or_in_another_unit_is_no_missing_physics(
@@ -303,6 +304,9 @@ def test_a_robot_that_slips_half_of_its_way_on_one_side_or_is_mounted_askew_is_d
 ) -> None:
     slips = selected("surface_slip", t0=0.0, t1=100.0, left=0.0, right=0.5)
     check_conventions(offset(recorded(drive, 1, slips), 10.0))
+    dead = recorded(drive, 1)
+    wheels = replace(dead.encoders, left_counts=np.zeros(len(dead.encoders.time_s)))
+    check_conventions(replace(dead, wheels=wheels, fog=None))
 
 
 def test_headings_that_turn_the_other_way_than_wheels_do_not_end_the_calibration_in_an_overflow() -> None:
