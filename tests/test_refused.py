@@ -40,6 +40,9 @@ def test_the_command_counts_them(monkeypatch: pytest.MonkeyPatch, capsys: pytest
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 0, said, ""))
     assert main(["refused"]) == 0
     assert capsys.readouterr().out == f"{name(X86_64, 227)}: refused to drd, process 345, 3 times\n"
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess([], 0, "", ""))
+    assert main(["refused"]) == 0
+    assert "--log-refused" in capsys.readouterr().out
 
 
 def test_without_a_journal_it_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

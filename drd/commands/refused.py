@@ -68,6 +68,9 @@ def main(argv: list[str]) -> int:
     except (OSError, subprocess.CalledProcessError) as error:
         print(f"drd refused: {error}", file=sys.stderr)
         return 1
-    for one, times in Counter(refused(done.stdout.splitlines())).items():
+    counts = Counter(refused(done.stdout.splitlines()))
+    if not counts:
+        print("no refused call in the journal since boot (without install-service --log-refused, none is logged)")
+    for one, times in counts.items():
         print(f"{one.call}: refused to {one.program}, process {one.pid}, {times} times")
     return 0
