@@ -86,19 +86,18 @@ def _times(c: Config) -> Iterator[Complaint]:
     if 0 < bias.duration_s < bias.minimum_s:
         expected = f"at most duration_s ({bias.duration_s:g})"
         yield "estimation.static_bias.minimum_s", expected, f"{bias.minimum_s:g}"
-    gyro_age_s = c.fog.latency_s + 1.0 / c.fog.rate_hz
+    gyro_age_s, wheels_age_s = (part.latency_s + 1.0 / part.rate_hz for part in (c.fog, c.encoders))
     if c.fog.protocol != "none" and gyro_age_s >= wait_s:
         expected = f"more than a gyro sample's age, latency_s plus one period ({gyro_age_s:g} s)"
         yield "estimation.reorder_s", expected, f"{wait_s:g}"
-    wheels_age_s = c.encoders.latency_s + 1.0 / c.encoders.rate_hz
     if wheels_age_s >= c.encoders.gap_s + wait_s:
         expected = f"with estimation.reorder_s ({wait_s:g} s) more than a sample's age ({wheels_age_s:g} s)"
         yield "encoders.gap_s", expected, f"{c.encoders.gap_s:g}"
-    for name, part in (("fog", c.fog), ("encoders", c.encoders)):
-        age_s = part.latency_s + 1.0 / part.rate_hz
-        if part.silent_after_s <= age_s:
+    silences = ("fog", c.fog.silent_after_s, gyro_age_s), ("encoders", c.encoders.silent_after_s, wheels_age_s)
+    for name, silent_after_s, age_s in silences:
+        if silent_after_s <= age_s:
             expected = f"more than a sample's age, latency_s plus one period ({age_s:g} s)"
-            yield f"{name}.silent_after_s", expected, f"{part.silent_after_s:g}"
+            yield f"{name}.silent_after_s", expected, f"{silent_after_s:g}"
 
 
 def _outputs(c: Config) -> Iterator[Complaint]:

@@ -30,7 +30,7 @@ from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.lags import find_lags
-from drd_tools.diagnose.observe.parts import _between
+from drd_tools.diagnose.observe.parts import between
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Status
@@ -421,7 +421,7 @@ def test_a_slip_beside_a_gyros_scale_is_not_hidden_in_the_noise_of_a_real_drive(
 def test_a_jump_in_a_real_drive_is_found_at_its_moment() -> None:
     """The moments 103.2, 106.0 and 108.4 s are each likelier than those beside it."""
     whole = read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39")
-    fog, wheels, reference = (_between(log, 0.0, 196.7) for log in (whole.fog, whole.wheels, whole.reference))
+    fog, wheels, reference = (between(log, 0.0, 196.7) for log in (whole.fog, whole.wheels, whole.reference))
     jumped = replace(fog, rate_rad_s=fog.rate_rad_s - np.radians(0.919) * (fog.time_s >= 106.0))
     found = analyse(replace(whole, fog=jumped, wheels=wheels, reference=reference)).conclusion.causes
     (jump,) = (c.selected for c in found if c.effect == "gyro_bias_step")

@@ -1,8 +1,7 @@
 """Noise of real ground: tails, colour, and speeds that a drive holds are seen, and only where they are. (77), (78)"""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.parts import between
 from drd_tools.diagnose.regression.noise_fit import by_direction, fitted, ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
@@ -214,17 +214,11 @@ def test_tread_and_radius_that_are_both_off_are_both_found_without_a_gyro(name: 
 def test_a_gyros_constant_bias_does_not_explain_slow_errors(begin_s: float) -> None:
     """Cut from a longer drive, this one hardly stands at first; its reference's lag varies."""
     made = read_recording(SHARED / "warthog_asphalt_2024_9_25_12h8s57")
-    cut = [_between(log, begin_s, 130.0) for log in (made.fog, made.wheels, made.reference)]
-    names = {c.effect for c in analyse(replace(made, fog=cut[0], wheels=cut[1], reference=cut[2])).conclusion.causes}
+    logs = (between(log, begin_s, 130.0) for log in (made.fog, made.wheels, made.reference))
+    fog, wheels, reference = (replace(log, time_s=log.time_s - begin_s) for log in logs)
+    names = {c.effect for c in analyse(replace(made, fog=fog, wheels=wheels, reference=reference)).conclusion.causes}
     assert {"tread_error", "encoder_latency"} <= names
     assert not {name for name in names if name.startswith("gyro_")}
-
-
-def _between(log: Any, begin_s: float, end_s: float) -> Any:
-    """The rows of a log between two times, from time 0 on."""
-    rows = (log.time_s >= begin_s) & (log.time_s < end_s)
-    columns = {f.name: v[rows] for f in fields(log) if isinstance(v := getattr(log, f.name), np.ndarray)}
-    return replace(log, **{**columns, "time_s": columns["time_s"] - begin_s})
 
 
 def test_noise_sideways_is_not_taken_for_noise_of_turns_where_all_is_to_be_told() -> None:

@@ -148,7 +148,7 @@ def _beyond_a_bias(found: Found) -> Found:
     problem, e = found.problem, found.problem.evidence
     if e.gyro_rad is None or not e.is_far:
         return found
-    free = problem.beside(Sensitivity(gyro_rad=INFLATION * e.datasheet.bias_rad_s * e.step_s))
+    free = problem.with_nuisance(Sensitivity(gyro_rad=INFLATION * e.datasheet.bias_rad_s * e.step_s))
     kept = list(found.fit.selection)
     for one in found.fit.selection:
         others = [c for c in kept if c is not one]

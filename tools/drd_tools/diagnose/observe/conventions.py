@@ -12,6 +12,8 @@ from drd_tools.importing.checks import WRONG, Finding, mistaken_unit
 from drd_tools.importing.examine import GyroRates, WheelTravel, examine
 from drd_tools.recordings.folder import Recording
 
+Complaint = tuple[str, str, str, str]  # file, key, what is expected, and what was found
+
 # By the first word of a check: file, key and expected convention (REP 103, and the names of the columns).
 EXPECTED: Final = {
     "sign": ("fog.csv", "rate_deg_s", "a rate that is positive counter-clockwise"),
@@ -44,13 +46,14 @@ def check_conventions(recording: Recording) -> None:
     """Check that all sensors turn the same way, in the same unit, that wheels and reference go as far, and that the
     reference's heading is the robot's. Raises ConfigError if they certainly do not.
     """
-    for file, key, expected, got in (*_turning(recording), *_driving(recording)):
+    wheels = _wheels(recording)
+    for file, key, expected, got in (*_turning(recording, wheels), *_driving(recording, wheels)):
         raise ConfigError(str(recording.folder / file), key, expected, got)
 
 
-def _turning(recording: Recording) -> Iterator[tuple[str, str, str, str]]:
-    """Complaints about turns: file, key, what is expected, and what was found."""
-    fog, wheels = recording.fog, _wheels(recording)
+def _turning(recording: Recording, wheels: WheelTravel | None) -> Iterator[Complaint]:
+    """Complaints about turns."""
+    fog = recording.fog
     gyro = None if fog is None else GyroRates(fog.time_s, fog.rate_rad_s[:, None], ("z",))
     for finding in examine(gyro, wheels, recording.reference, axis=None, sign=1, max_lag_s=MOST_LAG_S).findings:
         what, text = finding.check.partition(",")[0], finding.text
@@ -60,9 +63,9 @@ def _turning(recording: Recording) -> Iterator[tuple[str, str, str, str]]:
             yield *EXPECTED[what], text
 
 
-def _driving(recording: Recording) -> Iterator[tuple[str, str, str, str]]:
+def _driving(recording: Recording, wheels: WheelTravel | None) -> Iterator[Complaint]:
     """Complaints about distances and directions."""
-    if (spans := _spans(recording)) is None:
+    if (spans := _spans(recording, wheels)) is None:
         return
     # A dead counter halves the middle's travel, a turn adds to that of one wheel.
     middle, farther = (float(np.median(m / spans.displacement_m)) for m in (spans.travel_m, spans.farther_m))
@@ -84,9 +87,9 @@ def _wheels(recording: Recording) -> WheelTravel | None:
     return WheelTravel(log.time_s, left_m, right_m, nominal.tread_m)
 
 
-def _spans(recording: Recording) -> Spans | None:
+def _spans(recording: Recording, wheels: WheelTravel | None) -> Spans | None:
     """The spans in which the robot drives far enough; None if they are too few, or the reference is too sparse."""
-    wheels, r = _wheels(recording), recording.reference
+    r = recording.reference
     if wheels is None or r is None or len(r.time_s) < FEWEST_SPANS or np.median(np.diff(r.time_s)) > SPAN_S:
         return None
     at_s = np.arange(max(wheels.time_s[0], r.time_s[0]), min(wheels.time_s[-1], r.time_s[-1]), SPAN_S)

@@ -47,13 +47,23 @@ def parts(recording: Recording) -> list[Recording]:
     made = []
     for k in range(count):
         nominal = recording.nominal if k == 0 else replace(recording.nominal, standstill_at_start_s=0.0)
-        logs_of_part = {name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in LOGS}
+        logs_of_part = {name: between(getattr(recording, name), edges[k], edges[k + 1]) for name in LOGS}
         folder = recording.folder / f"{recording.name}{PART}{k + 1:0{digits}}-of-{count}"
         part = replace(recording, folder=folder, nominal=nominal, zero_s=zero_s, **logs_of_part)
         sensors = [(recording.fog, part.fog), (recording.wheels, part.wheels)]
         if all(log is not None and len(log.time_s) >= FEWEST_ROWS for whole, log in sensors if whole is not None):
             made.append(part)
     return made
+
+
+def between(log: Any, begin_s: float, end_s: float) -> Any:
+    """The rows of a log within a time interval; None if there are none."""
+    if log is None:
+        return None
+    inside = (log.time_s >= begin_s) & (log.time_s < end_s)
+    if not inside.any():
+        return None
+    return replace(log, **{n: v[inside] for n, v in vars(log).items() if isinstance(v, np.ndarray)})
 
 
 def first_s(recording: Recording) -> float:
@@ -84,13 +94,3 @@ def _longest_s(recording: Recording) -> float:
         return FULL * MOST_STEPS * STEP_S
     typical_s = float(np.median(np.diff(recording.fog.time_s)))
     return FULL * MOST_STEPS * typical_s * max(1, math.floor(STEP_S / typical_s + 1e-9))
-
-
-def _between(log: Any, begin_s: float, end_s: float) -> Any:
-    """The rows of a log within a time interval; None if there are none."""
-    if log is None:
-        return None
-    inside = (log.time_s >= begin_s) & (log.time_s < end_s)
-    if not inside.any():
-        return None
-    return replace(log, **{n: v[inside] for n, v in vars(log).items() if isinstance(v, np.ndarray)})

@@ -115,7 +115,7 @@ class Problem:
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
-    def beside(self, sensitivity: Sensitivity) -> "Problem":
+    def with_nuisance(self, sensitivity: Sensitivity) -> "Problem":
         """A problem with one more nuisance, of which the sensitivity is a standard deviation."""
         made = self.with_data(self.data)
         made.nuisance = np.column_stack([self.nuisance, self.whiten([sensitivity])])
