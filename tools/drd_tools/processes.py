@@ -5,17 +5,26 @@ import operator
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 from drd.config.schema import ConfigError
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Map(Protocol):
+    """The built-in `map`, or that of a process pool."""
+
+    def __call__(self, function: Callable[[S], T], items: Iterable[S], /) -> Iterable[T]:
+        """The results of the function, in the order of the items."""
+        ...
 
 
 @contextmanager
@@ -41,6 +50,16 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def mapped(jobs: int) -> Iterator[Map]:
+    """Provide the `map` of a pool of `jobs` processes, which work ahead; if 1, the built-in one."""
+    if jobs == 1:
+        yield map
+        return
+    with pool_of(jobs) as pool:
+        yield pool.map
 
 
 def called(calls: Sequence[Callable[[], T]], jobs: int, at_once: int = 1) -> Iterator[T]:

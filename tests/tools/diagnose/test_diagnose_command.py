@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from diagnosis_runs import SCALE, diagnosed, written
+from msgspec import UNSET
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from drd.cli import main
@@ -15,6 +16,8 @@ from drd.effects.model import load_model
 from drd_tools.diagnose import run
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.combine.expected import Expected
+from drd_tools.diagnose.files import load
+from drd_tools.diagnose.results import HeldOut
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
@@ -66,12 +69,13 @@ def test_one_thread_computes_whatever_numpy_was_loaded_with(tmp_path: Path, monk
 def test_several_recordings_have_a_folder_each_the_same_to_the_bit_for_any_jobs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The slow one first: what is said comes in the order given."""
+    """The slow one first: what is said comes in the order given. Only what holds in all is validated on another."""
     runs = [str(written(tmp_path / n, SCALE, drive=("slalom", s))) for n, s in (("b", 60.0), ("a", 25.0))]
+    other = str(written(tmp_path / "c", SCALE, seed=9))
     told = []
     for jobs in ("1", "2"):
         out = tmp_path / f"out_{jobs}"
-        assert main(["diagnose", *runs, "--jobs", jobs, "--output", str(out)]) == 0
+        assert main(["diagnose", *runs, "--held-out", other, "--jobs", jobs, "--output", str(out)]) == 0
         told.append(capsys.readouterr().out.replace(str(out), ""))
     assert told[0] == told[1]
     assert told[0].index("b: ") < told[0].index("\na: ") < told[0].index("b, a: ")
@@ -79,6 +83,19 @@ def test_several_recordings_have_a_folder_each_the_same_to_the_bit_for_any_jobs(
     for name in (*files, *(f"{folder}/{f}" for folder in "ab" for f in files)):
         one, two = (STAMP.sub("", (tmp_path / out / name).read_text()) for out in ("out_1", "out_2"))
         assert one == two, name
+    of_all, of_one = (load(tmp_path / "out_1" / name)[0] for name in ("", "b"))
+    assert isinstance(of_all.findings[0].held_out, HeldOut)
+    assert of_one.findings[0].held_out is UNSET
+    assert ("c" in of_all.fit.held_out.after, "c" in of_one.fit.held_out.after) == (True, False)
+
+
+def test_one_recording_is_the_same_to_the_bit_for_any_jobs(tmp_path: Path) -> None:
+    run, other = (str(written(tmp_path / n, SCALE, seed=s)) for n, s in (("a", 1), ("c", 9)))
+    for jobs in ("1", "2"):
+        out = str(tmp_path / f"out_{jobs}")
+        assert main(["diagnose", run, "--held-out", other, "--jobs", jobs, "--output", out]) == 0
+    for name in ("diagnosis.json", "series.json", "model.yaml"):
+        assert (tmp_path / "out_1" / name).read_bytes() == (tmp_path / "out_2" / name).read_bytes()
 
 
 def test_what_is_wrong_with_one_of_several_comes_back_from_its_process(tmp_path: Path) -> None:

@@ -12,19 +12,14 @@ from diagnosis_runs import diagnosed, written
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.effects.model import Amount, Term
-from drd_tools.diagnose import run as run_module
-from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.observe import parts as parts_module
 from drd_tools.diagnose.observe.parts import parts
-from drd_tools.diagnose.results import Train
-from drd_tools.diagnose.series import Drive
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 
 SCALE = selected("gyro_scale_error", k=0.01)
 DRIVE = ("warehouse", 180.0)
-TRAINED = run_module._trained
 
 
 @pytest.fixture
@@ -93,10 +88,8 @@ def test_the_whole_is_put_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("ninety_seconds")
-def test_the_whole_is_drawn_with_the_model_of_all_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here each part by itself has said nothing, and all together a scale."""
+def test_the_whole_is_drawn_with_the_model_of_all_parts(tmp_path: Path) -> None:
     written(tmp_path / "run", SCALE, reference="full", drive=DRIVE, seed=3)
-    monkeypatch.setattr(run_module, "_trained", of_nominal)
     assert main(["diagnose", str(tmp_path / "run"), "--output", str(tmp_path / "out"), "--jobs", "1"]) == 0
     result, series = load(tmp_path / "out")
     assert "gyro_scale_error" in {f.effect for f in result.findings}
@@ -105,10 +98,6 @@ def test_the_whole_is_drawn_with_the_model_of_all_parts(tmp_path: Path, monkeypa
     for drive in series.recordings:
         assert drive.path.corrected is not None
         assert drive.path.corrected.x_m[-1] != drive.path.nominal.x_m[-1]
-
-
-def of_nominal(analysis: Analysis, _: Path | None) -> tuple[Train, Drive]:
-    return TRAINED(analysis, None)
 
 
 def test_times_since_1970_are_counted_from_the_first_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

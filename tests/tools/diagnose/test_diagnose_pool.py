@@ -14,7 +14,7 @@ from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.outcome import model_of, terms_found
 from drd_tools.diagnose.observe.parts import with_whole
-from drd_tools.diagnose.results import Amount, Because, Result, Smallest, Status
+from drd_tools.diagnose.results import Amount, Because, Finding, Result, Smallest, Status, Term
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
 
@@ -70,21 +70,41 @@ def test_what_holds_in_a_part_of_a_run_is_taken_off_in_the_whole_one() -> None:
     assert with_whole("one-part-2-of-3") == "one, one-part-2-of-3"
 
 
+def test_the_linear_term_that_a_form_was_fitted_with_is_in_the_model_of_all(tmp_path: Path) -> None:
+    def bent(k: float) -> Finding:
+        scale = Term(effect="gyro_scale_error", parameters={"k": Amount(k, 0.001, "1")})
+        sizes = {"a2": Amount(0.01, 0.001, "deg/s"), "a3": Amount(0.0, 0.001, "deg/s")}
+        largest = {"largest_rate": Amount(30.0, 0.0, "deg/s")}
+        return replace(tread(0.0), effect="gyro_scale_nonlinearity", parameters=sizes | largest, beside=scale)
+
+    found = together(seeing(tmp_path, 0.1, bent(0.010)), seeing(tmp_path, 0.2, bent(0.011))).findings
+    one, scale = terms_found(found)
+    assert (one.effect, scale.effect) == ("gyro_scale_nonlinearity", "gyro_scale_error")
+    assert scale.parameters["k"].value == pytest.approx(0.0105)
+    assert "gyro_scale_error k = 0.01050" in found[0].sentence
+    # Not twice, if another recording has it as a finding.
+    alone = replace(tread(0.02), effect="gyro_scale_error")
+    found = together(seeing(tmp_path, 0.1, bent(0.010)), seeing(tmp_path, 0.2, alone)).findings
+    assert sorted(t.effect for t in terms_found(found)) == ["gyro_scale_error", "gyro_scale_nonlinearity"]
+
+
 def test_a_name_in_one_recording_that_others_would_show_is_withdrawn(tmp_path: Path) -> None:
     alone = seeing(tmp_path, 0.001, tread(0.02))
     one, two = seeing(tmp_path, 0.002), seeing(tmp_path, 0.003)
     (finding,) = together(alone, one, two).findings
     assert finding.status is Status.SUSPECTED
     assert "2 others should show it" in finding.sentence
+    assert finding.contradicted_by == 2
 
 
 def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp_path: Path) -> None:
     alone, blind = seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.02)
-    assert [f.status for f in together(alone, seeing(tmp_path, 0.002), blind).findings] == [Status.CONFIRMED]
+    (finding,) = together(alone, seeing(tmp_path, 0.002), blind).findings
+    assert (finding.status, finding.contradicted_by) == (Status.CONFIRMED, UNSET)
     again = seeing(tmp_path, 0.0015, tread(0.021))
     found = together(alone, again, seeing(tmp_path, 0.002), seeing(tmp_path, 0.003)).findings
     assert [f.status for f in found] == [Status.CONFIRMED]
-    assert "contradict" not in found[0].sentence
+    assert "contradict each other" not in found[0].sentence
 
 
 def test_a_name_in_some_recordings_that_more_others_would_show_is_withdrawn(tmp_path: Path) -> None:
@@ -132,7 +152,7 @@ def test_constants_that_contradict_each_other_are_told(tmp_path: Path) -> None:
 def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path: Path) -> None:
     one, two = seeing(tmp_path, 0.001, tread(0.02, 0.01)), seeing(tmp_path, 0.002, tread(0.05, 0.01))
     (finding,) = together(one, two).findings
-    assert "contradict" not in finding.sentence
+    assert "contradict each other" not in finding.sentence
     assert finding.parameters["k"].value == pytest.approx(0.035)
     assert "Combined: k = 0.035 +- 0.015." in finding.sentence  # ((0.01^2 + T^2) / 2)^0.5, T^2 = 3.5e-4
 

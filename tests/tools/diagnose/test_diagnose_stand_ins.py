@@ -14,10 +14,11 @@ from drd.effects.model import Model, load_model
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
-from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
+from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_found
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Amount, Result, Status, Term
+from drd_tools.diagnose.run import concluded, together
 from drd_tools.diagnose.validate.held_out import prepared
 from drd_tools.diagnose.validate.validation import validate
 from drd_tools.trial.draw import make
@@ -62,7 +63,7 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
     (drawing,) = drawings(Plan(unknowns=2), 31, (4.0, 10.0), only=("unknown_slip_map-d20-001",))
     case = make(drawing)
     result, file = analyse(case.recording), tmp_path / "model.yaml"
-    findings, terms = findings_of(result.conclusion), terms_of(result.conclusion)
+    findings, terms = findings_of(result.conclusion), terms_found(findings_of(result.conclusion))
     (surrogate,) = [f.surrogate for f in findings]
     assert findings[0].effect == "unknown"
     assert surrogate is not None
@@ -86,9 +87,12 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
     assert kept.effect.id == "wheel_radius_error"
     assert "stands in" in kept.provenance["why"]
     assert made(-1.0).terms == ()
-    (said,) = validate(file, build, terms, findings, []).findings
-    assert load_model(file).terms == ()
-    assert said.surrogate is None
+    alone = concluded(result)
+    assert alone.model.terms == ()
+    assert alone.findings[0].surrogate is None
+    # Of several recordings, only their common model is validated.
+    of_all = together([case.recording] * 2, [prepared(case.again())], [alone] * 2, "all")
+    assert [t.effect.id for t in of_all.model.terms] == ["wheel_radius_error"]
 
 
 def test_a_curve_that_stands_for_a_chance_find_does_not_hide_what_is_left_of_it() -> None:
@@ -106,7 +110,7 @@ def test_a_curve_that_stands_for_a_chance_find_does_not_hide_what_is_left_of_it(
 def test_what_is_only_suspected_is_not_in_the_model_unless_another_drive_bears_it_out(tmp_path: Path) -> None:
     bent = selected("gyro_scale_nonlinearity", a2=0.01, a3=0.008, largest_rate=0.5)
     result, file = analyse(recorded(SLALOM, 3, bent)), tmp_path / "model.yaml"
-    (finding,), terms = findings_of(result.conclusion), terms_of(result.conclusion)
+    (finding,), terms = findings_of(result.conclusion), terms_found(findings_of(result.conclusion))
     build = partial(model_of, recording=result.recording, names=result.recording.name, version="0")
     assert [t.effect for t in terms] == [finding.effect, "gyro_scale_error"]  # the straight line beside the bent one
     for status, held_out, expected in (

@@ -31,8 +31,9 @@ reference may be full, sparse, start and end only, or absent. Two of gyro, encod
 concluded about an absent sensor, and without encoders only the gyro's heading is examined.
 
 The output folder receives diagnosis.json, model.yaml (for drd replay --model, the daemon and the simulator) and
-report.html; with several recordings, one such folder for each and the combined result. Recordings longer than 20
-minutes are diagnosed in parts, as if each were a recording of its own.
+report.html; with several recordings, one such folder for each and the combined result, of which only the model is
+validated on the recordings held out. Recordings longer than 20 minutes are diagnosed in parts, as if each were a
+recording of its own.
 """
 EXAMPLES = """\
 examples:
@@ -52,7 +53,7 @@ def main(argv: list[str]) -> int:
     add, cores = parser.add_argument, os.cpu_count() or 1
     add("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
     add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="recordings to validate the model on")
-    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings in parallel (default: {cores})")
+    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"parallel processes (default: {cores})")
     add = parser.add_mutually_exclusive_group(required=True).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for the results")
     add("--draw", type=Path, metavar="DIR", help="only redraw the report of the results in DIR")

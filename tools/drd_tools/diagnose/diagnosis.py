@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
-from drd_tools.diagnose.results import Finding, Result, Verdict
+from drd_tools.diagnose.results import Finding, Result, Term, Verdict
 from drd_tools.diagnose.series import Series
 
 
@@ -15,7 +17,8 @@ from drd_tools.diagnose.series import Series
 class Diagnosis:
     """The result, the series to be drawn, and the model: the nominal robot with the effects found.
 
-    `notes`: sentences about the recording. `statistics`: its contribution to a joint regression.
+    `notes`: sentences about the recording. `statistics`: its contribution to a joint regression. `stand_ins`: for each
+    finding the name that may stand in for it, not yet validated.
     """
 
     result: Result
@@ -23,6 +26,7 @@ class Diagnosis:
     model: Model
     notes: Sequence[str] = ()
     statistics: SufficientStatistics | None = None
+    stand_ins: Sequence[Term | None] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -33,6 +37,12 @@ class Diagnosis:
     def findings(self) -> tuple[Finding, ...]:
         """Findings, the largest share of the mismatch first."""
         return self.result.findings
+
+    def with_stand_ins(self) -> Result:
+        """The result, before the findings lost what may stand in for them."""
+        findings = zip(self.result.findings, self.stand_ins, strict=True)
+        with_them = tuple(msgspec.structs.replace(f, surrogate=term) for f, term in findings)
+        return msgspec.structs.replace(self.result, findings=with_them)
 
     def report(self, folder: Path) -> list[Path]:
         """Write diagnosis.json, series.json, model.yaml and the report into a folder; the files. Raises OSError."""

@@ -75,8 +75,9 @@ class Finding(Struct, frozen=True, kw_only=True):
     """One cause: an effect of the catalogue with its parameters, or the description of an unnamed one.
 
     `probabilities`: of its name, of each tried in its place, of "unknown" and of "nothing"; they sum to one, and those
-    below 0.001 are left out. `surrogate`: the name nearest to an unnamed cause. `recording`: the one in which it was
-    found, if it holds in only one of several.
+    below 0.001 are left out. `beside`: the linear effect that was fitted together with it. `surrogate`: the name
+    nearest to an unnamed cause. `recording`: the one in which it was found, if it holds in only one of several.
+    `contradicted_by`: number of other recordings for which it is withdrawn.
     """
 
     effect: str
@@ -90,11 +91,13 @@ class Finding(Struct, frozen=True, kw_only=True):
     covariate: str | None = field(name="driver")
     evidence: Support
     explains: float | None
+    beside: Term | UnsetType = UNSET
     surrogate: Term | None = field(name="stand_in", default=None)
     sentence: str
     held_out: HeldOut | UnsetType = UNSET
     probabilities: dict[str, float] = {}
     recording: str | UnsetType = UNSET
+    contradicted_by: int | UnsetType = UNSET
 
     @property
     def probability(self) -> float:

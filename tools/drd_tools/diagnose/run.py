@@ -1,7 +1,7 @@
 """Diagnose recordings, one in this process or several in parallel processes, and combine them."""
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
+from drd.arrays import Array
 from drd.batch.run import no_garbage
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -27,12 +28,12 @@ from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
 from drd_tools.diagnose.regression.noise_fit import by_direction
-from drd_tools.diagnose.results import Figures, Fit, Result, Scatter, Status, Train, Unexplained
+from drd_tools.diagnose.results import Figures, Fit, NextDrive, Result, Scatter, Train, Unexplained
 from drd_tools.diagnose.series import Bar, Course, Drive, Series, Spread
-from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
-from drd_tools.diagnose.validate.trajectory import checked, judged, path_from, paths, with_path
+from drd_tools.diagnose.validate.held_out import Prepared, prepared
+from drd_tools.diagnose.validate.trajectory import checked, figures_of, judged, path_from, paths, replayed, with_path
 from drd_tools.diagnose.validate.validation import Validated, validate
-from drd_tools.processes import pool_of
+from drd_tools.processes import Map, mapped, pool_of
 from drd_tools.recordings.folder import Recording
 
 OTHER_HALF: Final = "other half of the blocks"
@@ -55,22 +56,22 @@ def run_all(
     `names`: of all recordings. Raises ConfigError and OSError.
     """
     if len(recordings) == 1:
-        yield _written(recordings[0], [prepared(other) for other in held_out], folder)
+        with mapped(jobs) as each:
+            yield _saved(run(recordings[0], each(prepared, held_out), each=each), folder)
         return
     with (
         pool_of(min(jobs, len(recordings) + len(held_out))) as pool,
         tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
     ):
-        others = list(pool.map(prepared, held_out))
         # The longest first, so that no process waits long at the end.
         by_length = sorted(recordings, key=_samples, reverse=True)
-        futures = {r.name: pool.submit(_written, r, others, folder / r.name) for r in by_length}
+        futures = {r.name: pool.submit(_written, r, folder / r.name) for r in by_length}
         for future in futures.values():
             future.add_done_callback(lambda _: bar.update())
-        made = _in_agreement(recordings, [futures[r.name].result() for r in recordings], others, folder, pool)
+        others = pool.map(prepared, held_out)
+        made = _in_agreement(recordings, [futures[r.name].result() for r in recordings], folder, pool)
         yield from made
-        whole = together(recordings, others, [w.diagnosis for w in made], names, pool.map)
-        yield Written(whole, whole.report(folder))
+        yield _saved(together(recordings, list(others), [w.diagnosis for w in made], names, pool.map), folder)
 
 
 def _samples(recording: Recording) -> int:
@@ -78,29 +79,34 @@ def _samples(recording: Recording) -> int:
 
 
 def _in_agreement(
-    recordings: Sequence[Recording], made: Sequence[Written], held_out: Sequence[Prepared], folder: Path, pool: Executor
+    recordings: Sequence[Recording], made: Sequence[Written], folder: Path, pool: Executor
 ) -> list[Written]:
     """Repeat the diagnosis of each recording in which effects of the others are expected."""
     diagnoses = [w.diagnosis for w in made]
     found = expected([d.result for d in diagnoses], [d.statistics for d in diagnoses if d.statistics is not None])
     again = [
-        pool.submit(_written, recording, held_out, folder / recording.name, effects) if effects else None
+        pool.submit(_written, recording, folder / recording.name, effects) if effects else None
         for recording, effects in zip(recordings, found, strict=True)
     ]
     return [w if new is None else new.result() for w, new in zip(made, again, strict=True)]
 
 
-def _written(
-    recording: Recording, held_out: Sequence[Prepared], folder: Path, expected: Sequence[Expected] = ()
-) -> Written:
-    diagnosis = run(recording, held_out, expected)
+def _written(recording: Recording, folder: Path, expected: Sequence[Expected] = ()) -> Written:
+    """Diagnose one of several recordings; only the model of all of them is validated on others."""
+    return _saved(run(recording, expected=expected), folder)
+
+
+def _saved(diagnosis: Diagnosis, folder: Path) -> Written:
     return Written(diagnosis, diagnosis.report(folder))
 
 
-def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
+def run(
+    recording: Recording, held_out: Iterable[Prepared] = (), expected: Sequence[Expected] = (), each: Map = map
+) -> Diagnosis:
     """Diagnose a recording, and validate its model on others. Raises ConfigError."""
     with in_one_thread():
-        return concluded(analyse(recording, expected), held_out)
+        poses = each(replayed, [recording])  # with processes, while this one analyses
+        return concluded(analyse(recording, expected), held_out, poses, each)
 
 
 @contextmanager
@@ -110,22 +116,28 @@ def in_one_thread() -> Iterator[None]:
         yield
 
 
-def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:
-    """Make the diagnosis from an analysis, with its model validated on other recordings. Raises ConfigError."""
+def concluded(
+    analysis: Analysis, held_out: Iterable[Prepared] = (), poses: Iterable[Array] | None = None, each: Map = map
+) -> Diagnosis:
+    """Make the diagnosis from an analysis, with its model validated on other recordings. Raises ConfigError.
+
+    `poses`: one item, the recording's replay with the nominal model, if that is already under way.
+    """
     recording, conclusion = analysis.recording, analysis.conclusion
     with tempfile.TemporaryDirectory() as folder:
         model_file, findings = Path(folder) / "model.yaml", outcome.findings_of(conclusion)
         build = partial(outcome.model_of, recording=recording, names=recording.name, version=drd.__version__)
-        validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
-        train, drive = _trained(analysis, model_file if validated.model.terms else None)
-        unseen = _unseen(analysis)
-        scatter, spreads = analysis.scatter()
-        result = _result(analysis, validated, train, unseen, scatter)
-        series = _series(analysis, validated, drive, unseen, spreads)
-        found = conclusion.found
-        surrogates = [f.effect for f in validated.findings if may_stand_for_shared(f)]
-        statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit, surrogates)
-    return Diagnosis(result, series, validated.model, recording.notes, statistics)
+        validated = validate(model_file, build, outcome.terms_found(findings), findings, list(held_out), each)
+        corrected = each(partial(replayed, model=model_file), [recording] if validated.model.terms else [])
+        answers, unseen = next_drive(conclusion, recording.nominal), _unseen(analysis)
+        train, drive = _trained(analysis, poses or map(replayed, [recording]), corrected, model_file)
+    scatter, spreads = analysis.scatter()
+    result = _result(analysis, validated, train, unseen, scatter, answers)
+    series = _series(analysis, validated, drive, unseen, spreads)
+    found = conclusion.found
+    surrogates = [f.effect for f in validated.findings if may_stand_for_shared(f)]
+    statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit, surrogates)
+    return Diagnosis(result, series, validated.model, recording.notes, statistics, [f.surrogate for f in findings])
 
 
 def together(
@@ -136,10 +148,11 @@ def together(
     each: Map = map,
 ) -> Diagnosis:
     """Combine the diagnoses of several recordings, or parts of one. `names`: of all of them."""
-    result = combined([d.result for d in made], [d.statistics for d in made if d.statistics is not None])
+    statistics = [d.statistics for d in made if d.statistics is not None]
+    result = combined([d.with_stand_ins() for d in made], statistics)
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:
-        terms = outcome.terms_found(f for f in result.findings if f.status is not Status.SUSPECTED)
+        terms = outcome.terms_found([f for f in result.findings if not f.contradicted_by])
         model_file = Path(folder) / "model.yaml"
         validated = validate(model_file, build, terms, result.findings, held_out, each)
         own = _with_common_model(recordings, made, model_file if validated.model.terms else None, each)
@@ -186,16 +199,19 @@ def _in_time(recording: Recording, result: Result) -> Recording:
     return replace(recording, reference=replace(recording.reference, time_s=recording.reference.time_s - lag.value))
 
 
-def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
-    """Figures of the fitted data, without and with the model, and the paths."""
+def _trained(
+    analysis: Analysis, poses: Iterable[Array], corrected: Iterable[Array], model: Path
+) -> tuple[Train, Drive]:
+    """Figures of the fitted data, without and with the model, and the paths. `corrected` is empty without effects."""
     recording, e = analysis.recording, analysis.conclusion.found.problem.evidence
-    before, nominal = judged(recording, None)
-    after, corrected = (before, None) if model is None else judged(recording, model)
+    (nominal,), with_model = poses, next(iter(corrected), None)
+    before = figures_of(recording, nominal)
+    after = before if with_model is None else figures_of(recording, with_model, model)
     train = Train(
         {**before, WHITENED: rms(analysis.null)}, {**after, WHITENED: rms(analysis.conclusion.found.fit.left)}
     )
     duration_s, path_m = float(e.time_s[-1] - e.time_s[0]), float(0.5 * e.travel_m.sum())
-    return train, Drive(recording.name, duration_s, path_m, paths(recording, nominal, corrected))
+    return train, Drive(recording.name, duration_s, path_m, paths(recording, nominal, with_model))
 
 
 def _unseen(analysis: Analysis) -> Bar:
@@ -204,7 +220,14 @@ def _unseen(analysis: Analysis) -> Bar:
     return Bar(OTHER_HALF, quantity, "1", *unseen_rms(found.problem, found.fit))
 
 
-def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar, scatter: Sequence[Scatter]) -> Result:
+def _result(
+    analysis: Analysis,
+    validated: Validated,
+    train: Train,
+    unseen: Bar,
+    scatter: Sequence[Scatter],
+    answers: NextDrive | None,
+) -> Result:
     conclusion, e = analysis.conclusion, analysis.conclusion.found.problem.evidence
     figures = msgspec.structs.replace(
         validated.figures,
@@ -222,7 +245,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar,
         not_observable=not_observable(e, conclusion.detectable, outcome.names_of(validated.findings)),
         classes=conclusion.classes,
         fit=Fit(train, figures),
-        next_drive=next_drive(conclusion, analysis.recording.nominal),
+        next_drive=answers,
         cut=UNSET if cut is None else cut,
         noise=analysis.noise_ratios(),
         scatter=tuple(scatter),

@@ -42,7 +42,8 @@ def judged(result: Analysis, truth: Effects, other: Recording) -> OtherDrive:
     before = _squares(problem, ())
     after, oracle = (_corrected(problem, chosen) if chosen else before for chosen in (selection, true))
     recording = result.recording
-    model = outcome.model_of(outcome.terms_of(result.conclusion), recording, recording.name, drd.__version__).terms
+    terms = outcome.terms_found(outcome.findings_of(result.conclusion))
+    model = outcome.model_of(terms, recording, recording.name, drd.__version__).terms
     before_m = _path_m(other, ())
     path_m = Mismatch(before_m, _path_m(other, model) if model else before_m)
     if not any(effect.id in HIDDEN for effect, _ in truth):

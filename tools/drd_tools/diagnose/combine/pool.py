@@ -153,13 +153,14 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
     log_e = sum(math.log(max(f.evidence.e_value or 0.0, LEAST)) for f in found)
     where = ", ".join(r for r, _ in said)
-    parameters = _mean([f.parameters for f in found])
-    text = f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_of_all(parameters, said)}"
+    parameters, beside = _mean([f.parameters for f in found]), _mean_term([f.beside for f in found if f.beside])
+    text = f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_of_all(parameters, beside, said)}"
     return replace(
         best,
         status=max((f.status for f in found), key=SURER.index),
         also_fits=tuple(sorted(set.intersection(*(set(f.also_fits) for f in found)))),
         parameters=parameters,
+        beside=beside or UNSET,
         seen=united([f.seen for f in all_found]),
         evidence=Support(
             sum(f.gain_nats for f in all_found),
@@ -171,12 +172,18 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
     )
 
 
-def _of_all(parameters: Mapping[str, Amount], said: Sequence[_Said]) -> str:
+def _of_all(parameters: Mapping[str, Amount], beside: Term | None, said: Sequence[_Said]) -> str:
     """Sentence with the combined values; the text before it gives those of the recording that shows it best."""
-    shown = [
+    shown = _values(parameters)
+    if beside is not None:
+        shown += [f"{beside.effect} {value}" for value in _values(beside.parameters)]
+    return f" Combined: {', '.join(shown)}." if len(said) > 1 and shown else ""
+
+
+def _values(parameters: Mapping[str, Amount]) -> list[str]:
+    return [
         f"{n} = {rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") for n, a in parameters.items() if a.std > 0.0
     ]
-    return f" Combined: {', '.join(shown)}." if len(said) > 1 and shown else ""
 
 
 def _apart(said: Sequence[_Said]) -> str:
@@ -205,7 +212,7 @@ def _borne_out(
     if against <= len(said):  # a single one may be wrong
         return finding
     text = f"{finding.sentence} {against} others should show it but do not, so it is withdrawn."
-    return replace(finding, status=Status.SUSPECTED, sentence=text)
+    return replace(finding, status=Status.SUSPECTED, sentence=text, contradicted_by=against)
 
 
 def _prior(finding: Finding) -> dict[str, tuple[float, float]]:
@@ -245,11 +252,15 @@ def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
     made = []
     for finding in findings:
         terms = groups.pop(finding.surrogate.effect, None) if finding.surrogate is not None else None
-        near = None
-        if terms:
-            near = replace(terms[0], parameters=_mean([t.parameters for t in terms]), seen=united([t.seen for t in terms]))  # fmt: skip  # noqa: E501
-        made.append(replace(finding, surrogate=near))
+        made.append(replace(finding, surrogate=_mean_term(terms or [])))
     return made
+
+
+def _mean_term(terms: Sequence[Term]) -> Term | None:
+    """The term of the same effect in several recordings, with random-effects means; None if there is none."""
+    if not terms:
+        return None
+    return replace(terms[0], parameters=_mean([t.parameters for t in terms]), seen=united([t.seen for t in terms]))
 
 
 def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_together: bool) -> Verdict:

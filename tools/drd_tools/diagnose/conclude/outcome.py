@@ -1,9 +1,10 @@
 """Results of the conclusion: verdict, findings, model, and the series to be drawn."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 
 from drd.arrays import Array
 from drd.effects.model import Model, make_model
@@ -58,22 +59,10 @@ def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]
     return amounts, {q.name: str(values[q.name]) for q in effect.parameters if q.choices}
 
 
-def terms_of(conclusion: Conclusion) -> list[Term]:
-    """The findings as a model's effects, each with the linear term up to which its form is determined."""
-    motion, made = conclusion.found.problem.sensitivities.motion, []
-    for selected in (c.selected for c in conclusion.causes if c.selected is not None):
-        made.append(term_of(motion, selected))
-        if (beside := selected.beside) is not None:
-            (q,) = beside.parameters
-            amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
-            why = f"linear term fitted together with {selected.id}"
-            made.append(Term(effect=beside.id, parameters={q.name: amount}, provenance={"why": why}))
-    return made
-
-
-def terms_found(findings: Iterable[Finding]) -> list[Term]:
-    """The named findings as a model's effects."""
-    return [
+def terms_found(findings: Sequence[Finding]) -> list[Term]:
+    """The named findings as a model's effects, each with the linear term up to which its form is determined."""
+    named = [f for f in findings if f.is_named]
+    terms = [
         Term(
             effect=f.effect,
             parameters=f.parameters,
@@ -81,9 +70,19 @@ def terms_found(findings: Iterable[Finding]) -> list[Term]:
             seen=f.seen,
             provenance={"recording": with_whole(f.recording)} if f.recording else {},
         )
-        for f in findings
-        if f.is_named
+        for f in named
     ]
+    return terms + [f.beside for f in named if f.beside and f.beside.effect not in names_of(named)]
+
+
+def _beside(selected: Selected) -> Term | UnsetType:
+    """The linear term that was fitted together with an effect, if any."""
+    if (effect := selected.beside) is None:
+        return UNSET
+    (q,) = effect.parameters
+    amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
+    why = f"linear term fitted together with {selected.id}"
+    return Term(effect=effect.id, parameters={q.name: amount}, provenance={"why": why})
 
 
 def model_of(terms: Iterable[Term], recording: Recording, names: str, version: str) -> Model:
@@ -113,6 +112,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
         covariate=cause.covariate,
         evidence=cause.support,
         explains=cause.explains,
+        beside=UNSET if cause.selected is None else _beside(cause.selected),
         surrogate=None if cause.surrogate is None else term_of(motion, cause.surrogate),
         sentence=cause.sentence,
         probabilities=cause.probabilities,

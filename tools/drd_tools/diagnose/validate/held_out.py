@@ -1,10 +1,10 @@
 """Predictive log-likelihood ratios of a model's terms in held-out recordings."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Protocol, TypeVar
+from typing import Final
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,22 +22,13 @@ from drd_tools.diagnose.results import Figures, Ranges
 from drd_tools.diagnose.select.start import started
 from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.validate.trajectory import judged
+from drd_tools.processes import Map
 from drd_tools.recordings.folder import Recording
 
-_A = TypeVar("_A")
-_B = TypeVar("_B")
 _Ranged = tuple[Selected, Ranges]
 
 NOISE_ROUNDS: Final = 2  # the second with noise that no longer contains the effects
 CONTRADICTED_NATS: Final = -math.log(20.0)  # a true term has so little in at most one case of 20
-
-
-class Map(Protocol):
-    """The built-in `map`, or that of a process pool."""
-
-    def __call__(self, function: Callable[[_A], _B], items: Iterable[_A], /) -> Iterable[_B]:
-        """The results of the function, in the order of the items."""
-        ...
 
 
 @dataclass(frozen=True)

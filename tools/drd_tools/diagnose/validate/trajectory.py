@@ -30,14 +30,24 @@ NO_POSES: Final = np.zeros((0, len(ESTIMATES)))
 
 def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
     """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
+    rows = replayed(recording, model)
+    return figures_of(recording, rows, model), rows
+
+
+def replayed(recording: Recording, model: Path | None = None) -> Array:
+    """Poses (n, columns) of the estimator, with a model or without; none without wheels. Uses no reference."""
     if recording.wheels is None:
-        return heading_figures(recording, model), NO_POSES
-    rows = table(replay_folder(recording if model is None else with_model(recording, model)))
-    return _figures(recording, rows), rows
+        return NO_POSES
+    return table(replay_folder(recording if model is None else with_model(recording, model)))
 
 
-def _figures(recording: Recording, rows: Array) -> Figures:
-    """Errors of poses (n, columns) against the reference; empty if they overlap too little."""
+def figures_of(recording: Recording, rows: Array, model: Path | None = None) -> Figures:
+    """Errors of its poses (n, columns) against the reference; empty if they overlap too little.
+
+    Without wheels, errors of the gyro's heading, with a model or without.
+    """
+    if recording.wheels is None:
+        return heading_figures(recording, model)
     if recording.reference is None or len(recording.reference.time_s) < 2 or len(rows) < 2:
         return {}
     reference = reference_of(recording)

@@ -16,9 +16,9 @@ from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.judgement import CONFIRMING_E
 from drd_tools.diagnose.results import Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.series import Bar
-from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Map, Prepared, held_out_nats
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Prepared, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
-from drd_tools.recordings.folder import Recording
+from drd_tools.processes import Map
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
 BORNE_OUT: Final = {Status.SUSPECTED: Status.SUPPORTED, Status.SUPPORTED: Status.CONFIRMED}
@@ -51,14 +51,14 @@ def validate(
     findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
     accepted = _accepted(findings)
 
-    before = [other.nominal for other in held_out]
+    before, recordings = [other.nominal for other in held_out], [other.measured.recording for other in held_out]
 
     def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
         model = build([*(t for t in terms if t.effect in accepted), *more])
         save_model(file, model)
         if not model.terms:
             return model, before
-        return model, list(each(partial(figures_of, model=file), [other.measured.recording for other in held_out]))
+        return model, [figures for figures, _ in each(partial(judged, model=file), recordings)]
 
     model, after = saved(())
     near = [msgspec.structs.replace(f.surrogate, provenance={"why": SURROGATE}) for f in findings if f.surrogate]
@@ -69,11 +69,6 @@ def validate(
         save_model(file, model)
     findings = [msgspec.structs.replace(f, surrogate=None) for f in findings]
     return _validated(model, findings, held_out, before, after)
-
-
-def figures_of(recording: Recording, model: Path) -> Figures:
-    """Errors of the poses with a model."""
-    return judged(recording, model)[0]
 
 
 def _accepted(findings: Iterable[Finding]) -> set[str]:
