@@ -65,7 +65,7 @@ class Analysis:
 
     `measured`: the robot's constants. `reference`: errors of the reference: `lag`, if larger than usual; `drift` of its
     clock relative to the wheels', if no gyro shows which one drifts; the position of its marker, `ahead` and `left` of
-    the robot's centre, and its `heading` offset; `smoothing`, and the number of `jumps`.
+    the robot's centre, and its `heading` offset; `smoothing`; how long it was lost (`held`), and the number of `jumps`.
     """
 
     measured: Constants
@@ -126,6 +126,8 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
         # Negative smoothing is impossible: no reference is sharper than the truth.
         if value > CLEARLY * sigma or (nuisance != SMOOTHING and value < -CLEARLY * sigma):
             faults[name] = Amount(value / si, sigma / si, unit)
+    if measured.held_s:
+        faults["held"] = Amount(measured.held_s, 0.0, "s")
     if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
         faults["jumps"] = Amount(float(jumps), 0.0, "1")
     for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):

@@ -22,6 +22,7 @@ from drd_tools.diagnose.observe.comparable import check_comparable
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.grids import is_dense
+from drd_tools.diagnose.observe.held import without_frozen, without_held
 from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
 from drd_tools.diagnose.observe.reads import as_read
 from drd_tools.diagnose.observe.stops import Tread, repaired
@@ -39,7 +40,8 @@ WIDER: Final = 2.0  # times its sigma: error of a constant if the calibrator att
 class Constants:
     """The recording with its reference's stamps corrected by `lag_s`, the robot's constants, and their deviations.
 
-    `unmeasured`: additional deviations due to quantities that were not measured.
+    `unmeasured`: additional deviations due to quantities that were not measured. `held_s`: time for which the reference
+    was lost, whose rows are left out.
     """
 
     recording: Recording
@@ -48,6 +50,7 @@ class Constants:
     lag_s: float = 0.0
     lag_sigma_s: float = 0.0
     unmeasured: Calibrated = CERTAIN
+    held_s: float = 0.0
 
     @property
     def has_lag(self) -> bool:
@@ -167,9 +170,11 @@ def observe(recording: Recording) -> tuple[Constants, Audit]:
     """
     check_comparable(recording)
     check_conventions(recording)
-    measured, audited = _observed(as_read(recording))
-    # Keep the rows as the daemon would receive them, with repeated counts.
-    return replace(measured, recording=replace(recording, reference=measured.recording.reference)), audited
+    recording, held_s = without_held(recording)
+    measured, audited = _observed(without_frozen(as_read(recording)))
+    # Keep the rows as the daemon would receive them, with repeated counts and readings.
+    as_received = replace(recording, reference=measured.recording.reference, notes=measured.recording.notes)
+    return replace(measured, recording=as_received, held_s=held_s), audited
 
 
 def _observed(recording: Recording) -> tuple[Constants, Audit]:

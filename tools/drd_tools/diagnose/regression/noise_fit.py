@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drd.arrays import Array
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
-from drd_tools.diagnose.observe.evidence import Noise
+from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import Fit
 from drd_tools.diagnose.regression.residuals import (
@@ -116,7 +116,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     """
     e, noise = problem.evidence, problem.noise
     wheels, fixes = not_inflated(problem, fit.left)
-    moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
+    moving = _compared(e)
     walk, jitter_s, of_heading = e.datasheet.walk_rad_per_sqrt_s, 0.0, 1.0
     if len(wheels):
         slip, jitter_s = _slip_and_jitter(problem, wheels, moving)
@@ -151,6 +151,12 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         ),
         inflation,
     )
+
+
+def _compared(e: Evidence) -> npt.NDArray[np.bool_]:
+    """Steps (n,) in motion in which no sensor was lost."""
+    is_lost = e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 > 0.0
+    return ~e.still & ~is_lost
 
 
 def _inflated_fixes(white: Array) -> Array:
@@ -264,8 +270,8 @@ def ratios(problem: Problem) -> Figures:
 
 def _raised_by_jitter(problem: Problem) -> float:
     """Ratio of the deviations of the wheels' rows in motion with and without jitter."""
-    noise, moving = problem.noise, ~problem.evidence.still
-    if not noise.jitter_s:
+    noise, moving = problem.noise, _compared(problem.evidence)
+    if not noise.jitter_s or not moving.any():
         return 1.0
     whole, alone = (n.wheels(problem.evidence)[moving].sum() for n in (noise, replace(noise, jitter_s=0.0)))
     return math.sqrt(whole / alone)

@@ -56,6 +56,7 @@ FAULTS: Final = {
     "left": "the reference is mounted {} to the left of the robot's centre",
     "heading": "the reference heading is offset from the robot's by {}",
     "smoothing": "the reference is smoothed: weight {} on a moving average of 0.6 s",
+    "held": "the reference repeats one pose while the robot moves, for {} s in all (left out)",
     "jumps": "jumps in the reference position: {}",
     "delay": "the wheels lag the reference by {} (which of the two is off is unknown)",
 }
@@ -188,7 +189,7 @@ def reference_faults(d: Result) -> list[str]:
     if isinstance(d.reference, UnsetType):
         return []
     # Without a deviation: counted, not fitted.
-    shown = {n: with_sigma(f.value, f.std, f.unit) if f.std else f"{f.value:.0f}" for n, f in d.reference.items()}
+    shown = {n: with_sigma(f.value, f.std, f.unit) if f.std else f"{f.value:.3g}" for n, f in d.reference.items()}
     return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 

@@ -90,6 +90,8 @@ def is_plausible(selected: Selected, measured: Prior = NOTHING) -> bool:
             return False
     if not selected.effect.is_plausible(selected.values):
         return False
+    if abs(float(selected.values.get(SCALE.name, 0.0))) > 3.0 * SCALE.high:
+        return False
     return selected.interval_s is None or selected.interval_s[1] > selected.interval_s[0]
 
 

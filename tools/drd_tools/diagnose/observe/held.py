@@ -1,0 +1,132 @@
+"""Rows that repeat the last one of a sensor that was lost: a reference's pose, a gyro's reading."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array, cumulative
+from drd.batch.logs import FogLog
+from drd_tools.diagnose.observe.audit import ALIKE_SHARE
+from drd_tools.diagnose.observe.conventions import MOST_LAG_S
+from drd_tools.diagnose.observe.events import runs
+from drd_tools.diagnose.observe.evidence import datasheet_noise
+from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
+
+LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
+LEAST_SIGMAS: Final = (
+    5.0  # of the reference's noise: a measured pose of a moving robot does not repeat to the last digit
+)
+FEWEST_ALIKE: Final = 10  # readings of a gyro
+BY_CHANCE: Final = 1e-6  # expected runs of so many equal readings, at most: else the gyro's resolution is coarse
+OUT_OF_BAND: Final = 3.0  # times the smallest reading: the wheels' yaw rate, with any tread, if no dead band reads zero
+LAGS_S: Final = np.linspace(0.0, MOST_LAG_S, 5)  # of the reference: what it says at rest, it says late
+
+
+def without_held(recording: Recording) -> tuple[Recording, float]:
+    """Leave out the rows of a lost reference; also the time that they cover, s. Without wheels, none is known. (71)
+
+    A tracker that has lost the robot repeats its last pose, or writes zeros. Taken for a robot at rest, that is slip.
+    """
+    reference = recording.reference
+    if reference is None or recording.wheels is None:
+        return recording, 0.0
+    pose = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])
+    repeats = (np.diff(pose, axis=0) == 0.0).all(axis=1)
+    if not repeats.any():
+        return recording, 0.0
+    is_lost, travel = np.zeros(len(pose), np.bool_), _Travel(recording, reference)
+    for first, last in runs(repeats):
+        is_lost[first : last + 1] = travel.lost(first, last)
+    if not is_lost.any() or is_lost.all():
+        return recording, 0.0
+    held_s = float(np.diff(reference.time_s, prepend=reference.time_s[0])[is_lost].sum())
+    kept = np.flatnonzero(~is_lost)
+    time_s, x_m, y_m = (row[kept] for row in (reference.time_s, reference.x_m, reference.y_m))
+    return replace(recording, reference=ReferenceLog(time_s, x_m, y_m, _continuous(pose[:, 2], kept))), held_s
+
+
+def _continuous(heading_rad: Array, kept: npt.NDArray[np.intp]) -> Array:
+    """Headings of the rows `kept`, without the whole turns that lost rows of another heading between them added."""
+    before, turned = kept[:-1], np.diff(heading_rad[kept])
+    is_torn = (np.diff(kept) > 1) & (heading_rad[before + 1] != heading_rad[before])
+    turned[is_torn] = wrapped(turned[is_torn])
+    headings: Array = heading_rad[kept[0]] + cumulative(turned)
+    return headings
+
+
+class _Travel:
+    """The wheels' travel between rows of the reference, for any of its possible lags."""
+
+    def __init__(self, recording: Recording, reference: ReferenceLog):
+        angles_rad = np.array(recording.wheel_angles_rad())
+        path_m = cumulative(recording.nominal.wheel_radius_m * np.abs(np.diff(angles_rad)).mean(axis=0))
+        late_s = reference.time_s[:, None] - LAGS_S
+        self._path_m = np.interp(late_s, recording.encoders.time_s, path_m)
+        self._at_m = reference.x_m + 1j * reference.y_m
+        sigma_m = datasheet_noise(recording.nominal).position_m
+        self._limit_m = max(LEAST_M, LEAST_SIGMAS * sigma_m)
+
+    def lost(self, first: int, last: int) -> npt.NDArray[np.bool_] | bool:
+        """Which rows of a repeated pose are lost, of `first` to `last`; the first is none if the robot was there."""
+        is_far_before, is_far_after = self._is_far(first - 1, first), self._is_far(last, last + 1)
+        if self._between_m(first, last).min() > self._limit_m:
+            is_there = not (is_far_before if first else is_far_after)
+            return np.arange(last - first + 1) >= is_there
+        return is_far_before and is_far_after
+
+    def _between_m(self, first: int, last: int) -> Array:
+        between_m: Array = self._path_m[last] - self._path_m[first]
+        return between_m
+
+    def _is_far(self, row: int, next_row: int) -> bool:
+        """Whether the reference moves further from one row to the next than the wheels drive, or there is none."""
+        if row < 0 or next_row == len(self._at_m):
+            return True
+        moved_m = abs(self._at_m[next_row] - self._at_m[row])
+        return bool(moved_m > 2.0 * self._between_m(row, next_row).max() + self._limit_m)
+
+
+def without_frozen(recording: Recording) -> Recording:
+    """Leave out a gyro's rows that repeat one reading, and note it; without wheels, none is known. (68)
+
+    A reader that has lost the gyro repeats its last reading, or zeros. Neither is a dead band, which hides slow turns
+    only, nor clipping, at the largest rate.
+    """
+    fog = recording.fog
+    if fog is None or recording.wheels is None:
+        return recording
+    is_frozen, notes = np.zeros(len(fog.time_s), np.bool_), []
+    for first, last in _frozen(recording, fog):
+        is_frozen[first + 1 : last + 1] = True
+        begin_s, end_s = (float(fog.time_s[row]) for row in (first, last))
+        notes.append(f"fog.csv repeats one reading from {begin_s:.1f} to {end_s:.1f} s: left out")
+    if not notes:
+        return recording
+    celsius = None if fog.temperature_c is None else fog.temperature_c[~is_frozen]
+    kept = replace(fog, time_s=fog.time_s[~is_frozen], rate_rad_s=fog.rate_rad_s[~is_frozen], temperature_c=celsius)
+    return replace(recording, fog=kept, notes=(*recording.notes, *notes))
+
+
+def _frozen(recording: Recording, fog: FogLog) -> list[tuple[int, int]]:
+    """First and last row of each repeated reading."""
+    rate, repeats = np.abs(fog.rate_rad_s), np.diff(fog.rate_rad_s) == 0.0
+    found = [(first, last) for first, last in runs(repeats) if last - first + 1 >= FEWEST_ALIKE]
+    is_single = np.ones(len(repeats), np.bool_)
+    for first, last in found:
+        is_single[first:last] = False
+    share = float(repeats[is_single].mean()) if is_single.any() else 1.0
+    if not found or len(rate) * share ** (FEWEST_ALIKE - 1) > BY_CHANCE:
+        return []
+    left_rad, right_rad = recording.wheel_angles_rad()
+    turned = np.cumsum(np.abs(np.diff(right_rad - left_rad, prepend=0.0)))
+    turned *= recording.nominal.wheel_radius_m / recording.nominal.tread_m
+    at_rad = np.interp(fog.time_s, recording.encoders.time_s, turned)
+    smallest = float(np.percentile(rate[rate > 0.0], 1.0))
+
+    def is_possible(first: int, last: int) -> bool:
+        is_slow = at_rad[last] - at_rad[first] <= OUT_OF_BAND * smallest * (fog.time_s[last] - fog.time_s[first])
+        return bool(rate[first] >= (1.0 - ALIKE_SHARE) * rate.max() or (rate[first] == 0.0 and is_slow))
+
+    return [(first, last) for first, last in found if not is_possible(first, last)]
