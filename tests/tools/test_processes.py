@@ -30,6 +30,7 @@ def runs(pid: int) -> bool:
     [
         ["trial", "--plant", ".", "--output", "out"],
         ["diagnose", "one", "two", "--jobs", "2", "--output", "out"],
+        ["diagnose", "one", "--held-out", "two", "--jobs", "2", "--output", "out"],
         ["fleet", "update", ".", "--jobs", "2", "--store", "out"],
     ],
 )
@@ -50,3 +51,30 @@ def test_the_workers_end_with_the_command(arguments: list[str], number: signal.S
         while any(map(runs, workers)) and time.monotonic() < deadline_s:
             time.sleep(0.05)
     assert not any(map(runs, workers))
+
+
+BAR = """
+import time
+from pathlib import Path
+from tqdm import tqdm
+from drd_tools.processes import pool_of
+
+def work():
+    with tqdm.get_lock():
+        Path("begun").touch()
+    time.sleep(600.0)
+
+if __name__ == "__main__":
+    with pool_of(1) as pool:
+        pool.submit(work)
+        while not Path("begun").exists():
+            time.sleep(0.05)
+        raise SystemExit(3)
+"""
+
+
+@pytest.mark.process
+def test_a_worker_that_is_ended_in_a_progress_bar_leaves_no_warning(tmp_path: Path) -> None:
+    (tmp_path / "bar.py").write_text(BAR)
+    done = subprocess.run([sys.executable, "bar.py"], cwd=tmp_path, capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (3, b"")

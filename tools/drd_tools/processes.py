@@ -11,6 +11,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, Final, Protocol, TypeVar
 
+from tqdm import tqdm
+
 from drd.config.schema import ConfigError
 
 S = TypeVar("S")
@@ -38,7 +40,7 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
         os.environ.setdefault(name, "1")
     with ended_by_sigterm():
         # A forked child of a process with threads may deadlock.
-        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_to_parent)
+        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _as_worker)
         try:
             yield pool
         except BaseException as error:
@@ -87,6 +89,10 @@ def _end(number: int, _: Any) -> None:
     raise SystemExit(128 + number)
 
 
-def _leave_to_parent() -> None:
-    """Let the parent answer Ctrl-C, which goes to all of a terminal's processes."""
+def _as_worker() -> None:
+    """Let the parent answer Ctrl-C, which goes to all of a terminal's processes.
+
+    A progress bar's lock between processes would be reported as leaked when the worker is ended.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tqdm.set_lock(threading.RLock())
