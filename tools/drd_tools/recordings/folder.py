@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, EncoderLog, FogLog
@@ -28,6 +29,7 @@ WRAPPED_DEG: Final = 361.0  # largest span of wrapped headings: +-3.142 rad is s
 VALID: Final = "valid"  # 1; 0: degraded, invalid or initialising
 ESTIMATES: Final = (*POSES, *COVARIANCE, BOUND, VALID)
 ESTIMATES_FORM: Final = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d"
+GAP_S, GAP_ROWS = 0.5, 5.0  # after both, the wheels' counts are a sum that says little about single steps
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,13 @@ class Recording:
         if self.wheels is None:
             raise ConfigError(str(self.folder), "encoders.csv", "this file in the folder", "none")
         return self.wheels
+
+    def wheel_gaps(self) -> npt.NDArray[np.bool_]:
+        """Steps (n - 1,) between the wheels' rows without counts, or with only their sum over a long time."""
+        log = self.encoders
+        apart_s = np.diff(log.time_s)
+        gaps: npt.NDArray[np.bool_] = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s)))
+        return gaps if log.is_lost is None else gaps | log.is_lost[1:]
 
     def wheel_angles_rad(self) -> tuple[Array, Array]:
         """Angles of the left and the right wheel since the first row, rad, shape (n,) each."""

@@ -23,6 +23,7 @@ MIN_WINDOWS: Final = 6
 MIN_TRAVEL_TREADS: Final = 0.1
 SWEEP_DEG: Final = 5.0
 ALIGNMENT_STEPS: Final = 4
+MOST_LATE_S: Final = 0.5  # of a reference: it shows a gap of the wheels later
 # Defaults if robot.yaml does not state the reference's noise and the wheels' slip.
 POSITION_SIGMA_M: Final = 0.01
 HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
@@ -53,7 +54,10 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Drive:
-    """One recording: wheel angles, the reference's rows within the wheels' time, and data-sheet noise."""
+    """One recording: wheel angles, the reference's rows within the wheels' time, and data-sheet noise.
+
+    `gaps_s` (k, 2): spans of time without counts, with the reference's largest lag.
+    """
 
     name: str
     nominal: Wheels
@@ -68,6 +72,7 @@ class Drive:
     heading_sigma_rad: float
     slip_m_per_sqrt_m: float
     counted_by_m: float  # tread with which whole turns between sparse rows were counted
+    gaps_s: Array
 
     @cached_property
     def travel_m(self) -> Array:
@@ -79,13 +84,20 @@ class Drive:
 
     @cached_property
     def windows(self) -> tuple[Rows, Rows]:
-        """Rows of the reference, window by window, and the index where each window begins. Windows share end rows."""
+        """Rows of the reference, window by window, and the index where each window begins. Windows share end rows.
+
+        Those with a gap are left out, unless all have one.
+        """
         total = np.ptp(self.travel_m)
         count = max(MIN_WINDOWS, round(total / (WINDOW_TREADS * self.nominal.tread_m)))
         edges = np.searchsorted(self.travel_m, self.travel_m[0] + total * np.arange(count + 1) / count)
         edges[-1] = len(self.travel_m) - 1
         edges = np.unique(edges)
+        spans_s = [(self.reference_s[a], self.reference_s[b]) for a, b in pairwise(edges)]
+        whole = [not any(a < end and begin < b for begin, end in self.gaps_s) for a, b in spans_s]
         pieces = [np.arange(a, b + 1) for a, b in pairwise(edges)]
+        if any(whole):
+            pieces = [piece for piece, is_whole in zip(pieces, whole, strict=True) if is_whole]
         return np.concatenate(pieces), np.cumsum([0, *(len(piece) for piece in pieces[:-1])])
 
     @property
@@ -141,12 +153,18 @@ def make_drive(recording: Recording) -> Drive:
         (sheet.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
         SLIP_M_PER_SQRT_M if sheet.slip_noise_m_per_sqrt_m is None else sheet.slip_noise_m_per_sqrt_m,
         nominal.tread_m,
+        _gaps_s(recording),
     )
     travel_m = float(np.ptp(drive.travel_m))
     if travel_m < MIN_TRAVEL_TREADS * nominal.tread_m:
         file = str(recording.folder / "encoders.csv")
         raise ConfigError(file, "", "wheels that move while the reference is there", f"{travel_m:.3g} m of travel")
     return counted(drive, nominal.tread_m)
+
+
+def _gaps_s(recording: Recording) -> Array:
+    time_s, gaps = recording.encoders.time_s, recording.wheel_gaps()
+    return np.column_stack([time_s[:-1][gaps], time_s[1:][gaps] + MOST_LATE_S])
 
 
 def counted(drive: Drive, tread_m: float) -> Drive:

@@ -258,7 +258,7 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         left_m, right_m = (
             np.diff(np.interp(edges, log.time_s, radius_m * angle)) for angle in recording.wheel_angles_rad()
         )
-        lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
+        lost_m2 = grids.lost_m2(recording, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
         still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
     travel_m = np.abs(left_m) + np.abs(right_m)
     e = Evidence(

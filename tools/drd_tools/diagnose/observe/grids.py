@@ -22,7 +22,6 @@ WITHIN_SHARE: Final = 1e-6  # of a step: rounding
 # Limits time and memory: longer recordings are cut.
 MOST_STEPS: Final = 12_000  # 20 minutes at 0.1 s
 LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a gap
-GAP_S, GAP_ROWS = 0.5, 5.0  # after both, the counts are a sum that says little about single steps
 BRIDGED_S: Final = 0.25  # of missing gyro rows: too short for a robot to start and end a turn
 HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # error of the turn in a long gap, as a share and per second
 TURNING_RAD_S: Final = 0.01  # 0.6 deg/s: more than a gyro's noise over a second, less than a turn that matters
@@ -187,13 +186,10 @@ def still_by_wheels(left_m: Array, right_m: Array, step_s: Array) -> npt.NDArray
     return still
 
 
-def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
+def lost_m2(recording: Recording, edges: Array, speed_m_s: Array) -> Array:
     """Variance of each wheel's travel in steps without counts, or with only their sum over a long time."""
-    apart_s = np.diff(log.time_s)
-    lost = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s)))
-    if log.is_lost is not None:
-        lost |= log.is_lost[1:]
-    lost_s = np.diff(np.interp(edges, log.time_s, cumulative(lost * apart_s)))
+    log = recording.encoders
+    lost_s = np.diff(np.interp(edges, log.time_s, cumulative(recording.wheel_gaps() * np.diff(log.time_s))))
     if speed_m_s[:2].any():  # else the wheels also stood before their first row
         lost_s[0] += max(float(log.time_s[0] - edges[0]), 0.0)
     return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2

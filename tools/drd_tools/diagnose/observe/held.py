@@ -1,5 +1,6 @@
 """Rows that repeat the last one of a sensor that was lost: a reference's pose, a gyro's reading."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,9 +16,7 @@ from drd_tools.diagnose.observe.evidence import datasheet_noise
 from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
 
 LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
-LEAST_SIGMAS: Final = (
-    5.0  # of the reference's noise: a measured pose of a moving robot does not repeat to the last digit
-)
+LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot do not repeat to the last digit
 FEWEST_ALIKE: Final = 10  # readings of a gyro
 BY_CHANCE: Final = 1e-6  # expected runs of so many equal readings, at most: else the gyro's resolution is coarse
 OUT_OF_BAND: Final = 3.0  # times the smallest reading: the wheels' yaw rate, with any tread, if no dead band reads zero
@@ -113,11 +112,7 @@ def _frozen(recording: Recording, fog: FogLog) -> list[tuple[int, int]]:
     """First and last row of each repeated reading."""
     rate, repeats = np.abs(fog.rate_rad_s), np.diff(fog.rate_rad_s) == 0.0
     found = [(first, last) for first, last in runs(repeats) if last - first + 1 >= FEWEST_ALIKE]
-    is_single = np.ones(len(repeats), np.bool_)
-    for first, last in found:
-        is_single[first:last] = False
-    share = float(repeats[is_single].mean()) if is_single.any() else 1.0
-    if not found or len(rate) * share ** (FEWEST_ALIKE - 1) > BY_CHANCE:
+    if not found or not is_rare(repeats, found):
         return []
     left_rad, right_rad = recording.wheel_angles_rad()
     turned = np.cumsum(np.abs(np.diff(right_rad - left_rad, prepend=0.0)))
@@ -130,3 +125,12 @@ def _frozen(recording: Recording, fog: FogLog) -> list[tuple[int, int]]:
         return bool(rate[first] >= (1.0 - ALIKE_SHARE) * rate.max() or (rate[first] == 0.0 and is_slow))
 
     return [(first, last) for first, last in found if not is_possible(first, last)]
+
+
+def is_rare(repeats: npt.NDArray[np.bool_], found: Sequence[tuple[int, int]]) -> bool:
+    """Whether FEWEST_ALIKE repeated rows (n,) in a row are no chance, given how many repeat outside the runs found."""
+    is_single = np.ones(len(repeats), np.bool_)
+    for first, last in found:
+        is_single[first:last] = False
+    share = float(repeats[is_single].mean()) if is_single.any() else 1.0
+    return len(repeats) * share ** (FEWEST_ALIKE - 1) <= BY_CHANCE

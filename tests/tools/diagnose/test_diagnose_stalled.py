@@ -1,0 +1,129 @@
+"""Encoders that were not read repeat a row, or zeros: that is no rest of the wheels while the body moves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from diagnosis_drives import SLALOM, recorded, selected, simulated
+from diagnosis_runs import SPEEDS
+
+from drd.arrays import Array
+from drd_tools.calibrate.wheels.drive import make_drive
+from drd_tools.calibrate.wheels.fit import fit_wheels
+from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.observe.stalled import without_stalled
+from drd_tools.recordings.folder import Recording
+
+LOST_S = (60.0, 65.0)
+Change = Callable[[Array, npt.NDArray[np.intp]], Array]
+
+
+def held(values: Array, rows: npt.NDArray[np.intp]) -> Array:
+    """The last reading is repeated, and the next is true again."""
+    changed = values.copy()
+    changed[rows] = values[rows[0] - 1]
+    return changed
+
+
+def zeros(values: Array, rows: npt.NDArray[np.intp]) -> Array:
+    changed = values.copy()
+    changed[rows] = 0.0
+    return changed
+
+
+def stopped(values: Array, rows: npt.NDArray[np.intp]) -> Array:
+    """The counter does not count, and goes on from there."""
+    changed = held(values, rows)
+    changed[rows[-1] + 1 :] -= values[rows[-1]] - values[rows[0] - 1]
+    return changed
+
+
+def rows_of(recording: Recording) -> npt.NDArray[np.intp]:
+    time_s = recording.encoders.time_s
+    return np.flatnonzero((time_s > LOST_S[0]) & (time_s < LOST_S[1]))
+
+
+def changed(recording: Recording, change: Change, sides: str = "both") -> Recording:
+    """With a change of the counts, or speeds, of one side or both, within LOST_S."""
+    log, rows = recording.encoders, rows_of(recording)
+    names = ("left_counts", "right_counts") if log.left_counts is not None else ("left_rad_s", "right_rad_s")
+    columns: dict[str, Any] = {name: change(getattr(log, name), rows) for name in names[: 1 if sides == "left" else 2]}
+    return replace(recording, wheels=replace(log, **columns))
+
+
+def left_out(recording: Recording) -> Array:
+    """Times of the rows that are left out."""
+    made = without_stalled(recording)
+    return np.setdiff1d(recording.encoders.time_s, made.encoders.time_s)
+
+
+COUNTS = recorded(SLALOM, 3)
+RATES = simulated(SLALOM, 3, nominal=SPEEDS).recording
+
+
+@pytest.mark.parametrize(
+    ("recording", "change", "sides"),
+    [
+        (COUNTS, held, "both"),
+        (COUNTS, held, "left"),
+        (COUNTS, zeros, "both"),
+        (COUNTS, zeros, "left"),
+        (COUNTS, stopped, "both"),
+        (RATES, held, "both"),
+        (RATES, held, "left"),
+        (RATES, zeros, "both"),
+    ],
+)
+def test_rows_of_lost_encoders_are_left_out_and_noted(recording: Recording, change: Change, sides: str) -> None:
+    lost = changed(recording, change, sides)
+    times_s = left_out(lost)
+    inside = recording.encoders.time_s[rows_of(recording)]
+    assert set(times_s) <= set(inside)
+    assert len(times_s) >= len(inside) - 2
+    (note,) = without_stalled(lost).notes
+    assert "encoders.csv repeats one row while the robot moves, from 60." in note
+
+
+def test_a_counter_that_stops_and_wheels_at_rest_are_no_lost_encoders() -> None:
+    one = changed(COUNTS, stopped, "left")
+    assert without_stalled(one) is one
+    for recording in (COUNTS, RATES, recorded(("stand", 60.0), 3), recorded(("spins", 120.0), 3)):
+        assert without_stalled(recording) is recording
+
+
+def test_the_gyro_shows_that_wheels_without_a_reference_are_lost() -> None:
+    lost = changed(replace(COUNTS, reference=None), stopped)
+    assert len(left_out(lost)) > 40
+    blind = replace(lost, fog=None)
+    assert without_stalled(blind) is blind
+
+
+@pytest.mark.parametrize("has_gyro", [True, False])
+@pytest.mark.parametrize(
+    ("recording", "change"),
+    [(COUNTS, held), (COUNTS, zeros), (COUNTS, stopped), (RATES, held), (RATES, zeros)],
+)
+def test_lost_encoders_name_nothing(recording: Recording, change: Change, has_gyro: bool) -> None:
+    lost = changed(recording, change)
+    analysis = analyse(lost if has_gyro else replace(lost, fog=None))
+    assert analysis.conclusion.causes == []
+    # The daemon has the rows as they are, and so have the figures before and after.
+    assert analysis.recording.wheels is lost.wheels
+
+
+def test_wheels_are_calibrated_beside_a_gap_of_their_speeds() -> None:
+    recording = simulated(("field", 120.0), 3, selected("tread_error", k=0.3), nominal=SPEEDS).recording
+    log, known = recording.encoders, np.ones(len(recording.encoders.time_s), np.bool_)
+    known[rows_of(recording)] = False
+    assert log.left_rad_s is not None
+    assert log.right_rad_s is not None
+    gap = replace(log, time_s=log.time_s[known], left_rad_s=log.left_rad_s[known], right_rad_s=log.right_rad_s[known])
+    drive = make_drive(replace(recording, wheels=gap))
+    rows, starts = drive.windows
+    for window in np.split(rows, starts[1:]):
+        assert drive.reference_s[window[-1]] <= LOST_S[0] + 0.1 or drive.reference_s[window[0]] >= LOST_S[1]
+    fit = fit_wheels([drive])
+    assert fit.wheels.tread_m / drive.nominal.tread_m == pytest.approx(1.3, abs=0.01)
