@@ -134,3 +134,16 @@ def test_missing_arguments_are_bad_usage(arguments: list[str], capsys: pytest.Ca
         main(["diagnose", *arguments])
     assert ended.value.code == 2
     assert "usage: drd diagnose" in capsys.readouterr().err
+
+
+def test_rows_that_are_left_out_are_told_in_the_report_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = written(tmp_path / "run", drive=("slalom", 60.0))
+    header, *rows = (folder / "fog.csv").read_text().splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    lost = [i for i, (time_s, _) in enumerate(cells) if 30.0 < float(time_s) < 34.0]
+    repeated = [f"{time_s},{cells[lost[0]][1] if i in lost else rest}" for i, (time_s, rest) in enumerate(cells)]
+    (folder / "fog.csv").write_text("\n".join([header, *repeated]) + "\n")
+    (note,) = diagnosed(folder, tmp_path / "out")["notes"]
+    assert note.startswith("fog.csv repeats one reading from 30.")
+    assert note in capsys.readouterr().out
+    assert note in (tmp_path / "out" / "report.html").read_text()

@@ -17,14 +17,13 @@ from drd_tools.diagnose.series import Series
 class Diagnosis:
     """The result, the series to be drawn, and the model: the nominal robot with the effects found.
 
-    `notes`: sentences about the recording. `statistics`: its contribution to a joint regression. `stand_ins`: for each
-    finding the name that may stand in for it, not yet validated.
+    `statistics`: its contribution to a joint regression. `stand_ins`: for each finding the name that may stand in for
+    it, not yet validated.
     """
 
     result: Result
     series: Series
     model: Model
-    notes: Sequence[str] = ()
     statistics: SufficientStatistics | None = None
     stand_ins: Sequence[Term | None] = ()
 
@@ -37,6 +36,11 @@ class Diagnosis:
     def findings(self) -> tuple[Finding, ...]:
         """Findings, the largest share of the mismatch first."""
         return self.result.findings
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about the recording."""
+        return self.result.notes or ()
 
     def with_stand_ins(self) -> Result:
         """The result, before the findings lost what may stand in for them."""

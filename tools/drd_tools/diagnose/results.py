@@ -239,7 +239,8 @@ class Result(Struct, frozen=True, kw_only=True):
 
     `noise`: sizes of the noise relative to the stated ones; `scatter`: those much larger. `reference`: errors of the
     reference itself: its `lag`, the position of its marker, `ahead` and `left` of the robot's centre, its `heading`
-    offset, `smoothing`, number of `jumps` and, without a gyro, its clock's `drift` and a `delay`.
+    offset, `smoothing`, time for which it was lost (`held`), number of `jumps` and, without a gyro, its clock's `drift`
+    and a `delay`. `notes`: sentences about the recording, such as on rows left out.
     """
 
     schema: Literal[1] = 1
@@ -257,6 +258,7 @@ class Result(Struct, frozen=True, kw_only=True):
     noise: Figures | UnsetType = UNSET
     scatter: tuple[Scatter, ...] = ()
     reference: dict[str, Amount] | UnsetType = UNSET
+    notes: tuple[str, ...] | UnsetType = UNSET
 
     @property
     def unobservable(self) -> Sequence[Because]:

@@ -137,7 +137,7 @@ def concluded(
     found = conclusion.found
     surrogates = [f.effect for f in validated.findings if may_stand_for_shared(f)]
     statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit, surrogates)
-    return Diagnosis(result, series, validated.model, recording.notes, statistics, [f.surrogate for f in findings])
+    return Diagnosis(result, series, validated.model, statistics, [f.surrogate for f in findings])
 
 
 def together(
@@ -250,6 +250,7 @@ def _result(
         noise=analysis.noise_ratios(),
         scatter=tuple(scatter),
         reference=analysis.reference or UNSET,
+        notes=tuple(analysis.recording.notes) or UNSET,
     )
 
 

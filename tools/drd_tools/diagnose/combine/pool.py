@@ -78,6 +78,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         scatter=tuple(replace(n, sentence=f"{r.recording}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
         reference=_reference_of_all(results) or UNSET,
+        notes=tuple(f"{r.recording}: {note}" for r in results for note in r.notes or ()) or UNSET,
     )
 
 

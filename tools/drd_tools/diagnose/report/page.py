@@ -27,6 +27,8 @@ def write_report(folder: Path) -> list[Path]:
     page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
     if d.cut:
         page.text(f"Incomplete: {d.cut}.")
+    for note in d.notes or ():
+        page.text(f"{note}.")
     drawn: list[Path] = []
     _findings_table(page, d, s)
     _paths(page, d, s, folder, drawn)
