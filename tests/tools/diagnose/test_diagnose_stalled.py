@@ -94,6 +94,50 @@ def test_a_counter_that_stops_and_wheels_at_rest_are_no_lost_encoders() -> None:
         assert without_stalled(recording) is recording
 
 
+def at_rest(jump_m: float) -> Recording:
+    """A robot that stands for the last minute, in which its reference jumps."""
+    log, r = COUNTS.encoders, COUNTS.reference
+    assert r is not None
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    rest = int(np.searchsorted(log.time_s, 60.0))
+    left, right = (np.minimum(np.arange(len(c)), rest) for c in (log.left_counts, log.right_counts))
+    wheels = replace(log, left_counts=log.left_counts[left], right_counts=log.right_counts[right])
+    still = np.minimum(np.arange(len(r.time_s)), int(np.searchsorted(r.time_s, 60.0)))
+    noise_m = np.random.default_rng(1).normal(0.0, 0.01, len(r.time_s))
+    x_m = r.x_m[still] + noise_m + np.where(r.time_s > 90.0, jump_m, 0.0)
+    reference = replace(r, x_m=x_m, y_m=r.y_m[still], heading_rad=r.heading_rad[still])
+    return replace(COUNTS, wheels=wheels, reference=reference, fog=None)
+
+
+def test_a_reference_that_jumps_while_the_robot_stands_is_no_motion() -> None:
+    standing = at_rest(3.0)
+    assert without_stalled(standing) is standing
+
+
+def test_a_robot_that_hardly_ever_moves_has_no_lost_encoders() -> None:
+    log = COUNTS.encoders
+    steps = np.zeros(len(log.time_s))
+    steps[200:230] = steps[900:930] = 50.0
+    resting = replace(COUNTS, wheels=replace(log, left_counts=np.cumsum(steps), right_counts=np.cumsum(steps)))
+    assert without_stalled(replace(resting, reference=None, fog=None)).wheels is resting.wheels
+
+
+def test_counts_of_a_coarse_encoder_repeat_while_it_creeps() -> None:
+    """A count of 0.23 m: at 0.1 m/s it repeats for two seconds."""
+    per_revolution = 3
+    coarse = replace(COUNTS.nominal, counts_per_revolution=per_revolution)
+    time_s = COUNTS.encoders.time_s
+    counts = np.floor(0.1 * time_s / (2.0 * np.pi * coarse.wheel_radius_m) * per_revolution)
+    r = COUNTS.reference
+    assert r is not None
+    still = np.zeros(len(r.time_s))
+    along = replace(r, x_m=0.1 * r.time_s, y_m=still, heading_rad=still)
+    wheels = replace(COUNTS.encoders, left_counts=counts, right_counts=counts)
+    creeping = replace(COUNTS, nominal=coarse, wheels=wheels, reference=along, fog=None)
+    assert without_stalled(creeping) is creeping
+
+
 def test_the_gyro_shows_that_wheels_without_a_reference_are_lost() -> None:
     lost = changed(replace(COUNTS, reference=None), stopped)
     assert len(left_out(lost)) > 40

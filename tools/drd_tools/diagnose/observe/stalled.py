@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d
 
 from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog
@@ -21,6 +22,7 @@ LEAST_S: Final = 0.5  # of repeats: drives hold what they report for as long
 SIGMAS: Final = 10.0  # of the reference's noise: seven of a difference
 WITHIN_S: Final = 2.0  # a slower motion may be the drift of a reference at rest
 LEAST_RAD: Final = 10.0 * RAD_PER_DEG  # of a turn: more than a gyro's bias adds, with wheels at rest
+FEWEST_STEPS: Final = 20  # of a counter: fewer do not show its usual step
 # Times nearly the largest step of a counter: no wheel does that in a row; and one that missed half a second does.
 LEAP, CATCH_UP = 20.0, 4.0
 
@@ -65,13 +67,16 @@ def _counters(recording: Recording, log: EncoderLog) -> list[tuple[int, int]]:
     for counts in (log.left_counts, log.right_counts):
         assert counts is not None
         steps = np.abs(np.diff(counts))
-        usual = float(np.percentile(steps, 95.0))
         both &= steps == 0.0
+        if np.count_nonzero(steps) < FEWEST_STEPS:
+            continue
+        usual = float(np.percentile(steps[steps > 0.0], 95.0))
         for first, last in runs(steps == 0.0):
             before, after = (float(steps[i]) if 0 <= i < len(steps) else 0.0 for i in (first - 1, last))
+            begin_s, end_s = float(log.time_s[first]), float(log.time_s[last])
             if min(before, after) > LEAP * usual:
                 found.append((first, last))
-            elif after > CATCH_UP * usual and log.time_s[last] - log.time_s[first] > LEAST_S:
+            elif after > CATCH_UP * usual and end_s - begin_s > LEAST_S and _moving_s(recording, begin_s, end_s):
                 found.append((first + 1, last))
     return found + _at_rest(recording, log.time_s, both)
 
@@ -104,7 +109,9 @@ def _moving_s(recording: Recording, begin_s: float, end_s: float) -> Span | None
     """The part of a span of time in which the reference, whatever its lag, or without one the gyro moves; else None."""
     reference, fog, sheet = recording.reference, recording.fog, datasheet_noise(recording.nominal)
     if reference is not None and _rows(reference.time_s, begin_s, end_s).sum() >= FEWEST_ALIKE:
-        limit_m, limit_rad = max(LEAST_M, SIGMAS * sheet.position_m), max(LEAST_RAD, SIGMAS * sheet.heading_rad)
+        unseen_m = 2.0 * sheet.count_m  # by wheels whose counts do not change
+        limit_m = max(LEAST_M, SIGMAS * sheet.position_m) + unseen_m
+        limit_rad = max(LEAST_RAD, SIGMAS * sheet.heading_rad) + unseen_m / recording.nominal.tread_m
         pose = np.column_stack([reference.x_m / limit_m, reference.y_m / limit_m, reference.heading_rad / limit_rad])
         found = [_beyond(reference.time_s, pose, begin_s + lag_s, end_s + lag_s) for lag_s in LAGS_S]
         moving = [span_s for span_s in found if span_s is not None]
@@ -116,11 +123,17 @@ def _moving_s(recording: Recording, begin_s: float, end_s: float) -> Span | None
 
 
 def _beyond(time_s: Array, pose: Array, begin_s: float, end_s: float) -> Span | None:
-    """When a pose (n, k), in units of its limits, moves by more than these within WITHIN_S; None if it does not."""
+    """When a pose (n, k), in units of its limits, moves by more than these within WITHIN_S, not counting one jump; None
+    if it does not.
+    """
     inside = _rows(time_s, begin_s, end_s)
     times_s, at = time_s[inside], pose[inside]
+    if len(at) < 2:
+        return None
     before = np.searchsorted(times_s, times_s - WITHIN_S)
-    moving = np.flatnonzero((np.abs(at - at[before]) > 1.0).any(axis=1))
+    steps, together = np.abs(np.diff(at, axis=0, prepend=at[:1])), int((np.arange(len(at)) - before).max()) + 1
+    largest = maximum_filter1d(steps, 2 * together + 1, axis=0)
+    moving = np.flatnonzero((np.abs(at - at[before]) - largest > 1.0).any(axis=1))
     return (float(times_s[before[moving[0]]]), float(times_s[moving[-1]])) if len(moving) else None
 
 
