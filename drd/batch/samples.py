@@ -25,6 +25,7 @@ MISSING_ROWS: Final = 1.5
 # Whole ns up to here fit into 64 bits; and in a longer pause every tick would give a pose.
 LATEST_S: Final = 4e9
 LONGEST_GAP_S: Final = 86_400.0
+USUAL_GAP_S: Final = 10.0  # between two rows: no robot is dead-reckoned with less; 10 ms in milliseconds are more
 
 
 def check_times(fog: FogLog | None, encoders: EncoderLog, names: tuple[str, str] = ("gyro", "wheels")) -> None:
@@ -38,6 +39,9 @@ def check_times(fog: FogLog | None, encoders: EncoderLog, names: tuple[str, str]
         if len(apart_s) and apart_s.max() > LONGEST_GAP_S:
             got = f"{apart_s.max():g} s after {time_s[apart_s.argmax()]:.12g}"
             raise ConfigError(name, "time_s", f"rows at most {LONGEST_GAP_S:g} s apart", got)
+        if len(apart_s) and (usual_s := float(np.median(apart_s))) > USUAL_GAP_S:
+            expected = f"seconds, and rows usually at most {USUAL_GAP_S:g} s apart"
+            raise ConfigError(name, "time_s", expected, f"rows usually {usual_s:g} apart")
         if time_s[0] > wheels_s[-1] or time_s[-1] < wheels_s[0]:
             expected = f"times that overlap {Path(names[1]).name}'s, {wheels_s[0]:.12g} to {wheels_s[-1]:.12g} s"
             raise ConfigError(name, "time_s", expected, f"{time_s[0]:.12g} to {time_s[-1]:.12g} s")

@@ -121,6 +121,12 @@ def test_stamps_of_an_epoch_keep_what_a_double_holds() -> None:
     [
         ("wheels", lambda t: t * 1e9 + 1e18, r"encoders.csv: time_s: expected seconds, at most 4e\+09"),
         ("wheels", lambda t: np.where(t < 2.0, t, t + 1e6), r"encoders.csv: time_s: .* rows at most 86400 s apart"),
+        (
+            "wheels",
+            lambda t: t * 1e3,
+            r"encoders.csv: time_s: expected seconds, .* 10 s apart, got rows usually 50 apart",
+        ),
+        ("fog", lambda t: t * 1e3, r"fog.csv: time_s: expected seconds, .* 10 s apart, got rows usually 100 apart"),
         ("fog", lambda t: t + 1.7e9, r"fog.csv: time_s: .* overlap encoders.csv's, 0 to 5 s, got 17000000"),
         ("fog", lambda t: t - 100.0, r"fog.csv: time_s: expected times that overlap"),
     ],
