@@ -20,6 +20,7 @@ LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot d
 FEWEST_ALIKE: Final = 10  # readings of a gyro
 BY_CHANCE: Final = 1e-6  # expected runs of so many equal readings, at most: else the gyro's resolution is coarse
 OUT_OF_BAND: Final = 3.0  # times the smallest reading: the wheels' yaw rate, with any tread, if no dead band reads zero
+MOST_LOST: Final = 0.5  # of the rows: a sensor that was lost for longer contradicts the others, which must be told
 LAGS_S: Final = np.linspace(0.0, MOST_LAG_S, 5)  # of the reference: what it says at rest, it says late
 
 
@@ -38,7 +39,7 @@ def without_held(recording: Recording) -> tuple[Recording, float]:
     is_lost, travel = np.zeros(len(pose), np.bool_), _Travel(recording, reference)
     for first, last in runs(repeats):
         is_lost[first : last + 1] = travel.lost(first, last)
-    if not is_lost.any() or is_lost.all():
+    if not is_lost.any() or is_lost.mean() > MOST_LOST:
         return recording, 0.0
     held_s = float(np.diff(reference.time_s, prepend=reference.time_s[0])[is_lost].sum())
     kept = np.flatnonzero(~is_lost)
@@ -101,7 +102,7 @@ def without_frozen(recording: Recording) -> Recording:
         is_frozen[first + 1 : last + 1] = True
         begin_s, end_s = (float(fog.time_s[row]) for row in (first, last))
         notes.append(f"fog.csv repeats one reading from {begin_s:.1f} to {end_s:.1f} s: left out")
-    if not notes:
+    if not notes or is_frozen.mean() > MOST_LOST:
         return recording
     celsius = None if fog.temperature_c is None else fog.temperature_c[~is_frozen]
     kept = replace(fog, time_s=fog.time_s[~is_frozen], rate_rad_s=fog.rate_rad_s[~is_frozen], temperature_c=celsius)

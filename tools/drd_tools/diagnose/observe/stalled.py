@@ -13,7 +13,7 @@ from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
-from drd_tools.diagnose.observe.held import FEWEST_ALIKE, LAGS_S, LEAST_M, is_rare
+from drd_tools.diagnose.observe.held import FEWEST_ALIKE, LAGS_S, LEAST_M, MOST_LOST, is_rare
 from drd_tools.recordings.folder import Recording
 
 Span = tuple[float, float]
@@ -39,7 +39,7 @@ def without_stalled(recording: Recording) -> Recording:
     is_lost = np.zeros(len(log.time_s), np.bool_)
     for first, last in _counters(recording, log) if log.left_counts is not None else _speeds(recording, log):
         is_lost[first : last + 1] = True
-    if not is_lost.any() or (~is_lost).sum() < 2:
+    if not is_lost.any() or is_lost.mean() > MOST_LOST:
         return recording
     spans_s = [(log.time_s[first], log.time_s[end - 1]) for first, end in runs(is_lost)]
     notes = [
