@@ -22,10 +22,11 @@ from drd_tools.diagnose.observe.comparable import check_comparable
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.grids import is_dense
-from drd_tools.diagnose.observe.held import without_frozen, without_held
 from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
+from drd_tools.diagnose.observe.lost_encoders import without_lost_encoders
+from drd_tools.diagnose.observe.lost_gyro import without_lost_gyro
+from drd_tools.diagnose.observe.lost_reference import without_lost_reference
 from drd_tools.diagnose.observe.reads import as_read
-from drd_tools.diagnose.observe.stalled import without_stalled
 from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
@@ -171,8 +172,8 @@ def observe(recording: Recording) -> tuple[Constants, Audit]:
     """
     check_comparable(recording)
     check_conventions(recording)
-    seen, held_s = without_held(without_stalled(recording))
-    measured, audited = _observed(without_frozen(as_read(seen)))
+    seen, held_s = without_lost_reference(without_lost_encoders(recording))
+    measured, audited = _observed(without_lost_gyro(as_read(seen)))
     # Keep the rows as the daemon would receive them, with repeated counts and readings.
     as_received = replace(recording, reference=measured.recording.reference, notes=measured.recording.notes)
     return replace(measured, recording=as_received, held_s=held_s), audited

@@ -10,7 +10,8 @@ from diagnosis_drives import SLALOM, recorded
 from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.events import runs
-from drd_tools.diagnose.observe.held import FEWEST_ALIKE, without_frozen, without_held
+from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, without_lost_gyro
+from drd_tools.diagnose.observe.lost_reference import without_lost_reference
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
 LOST_S = (60.0, 65.0)
@@ -51,7 +52,7 @@ def at_rest_from_60_s() -> Recording:
 def test_rows_of_a_lost_reference_are_left_out(values: tuple[float, float, float] | None, is_first_true: bool) -> None:
     recording = recorded(SLALOM, 3)
     before = reference_of(recording)
-    made, held_s = without_held(repeating(recording, values))
+    made, held_s = without_lost_reference(repeating(recording, values))
     is_inside = (before.time_s > LOST_S[0]) & (before.time_s < LOST_S[1])
     is_inside[np.flatnonzero(is_inside)[0]] ^= is_first_true
     assert np.array_equal(reference_of(made).time_s, before.time_s[~is_inside])
@@ -66,7 +67,7 @@ def test_a_reference_that_is_lost_to_the_end_or_from_the_start_is_cut() -> None:
         lost = reference_of(late)
         pose = np.column_stack([lost.x_m, lost.y_m, lost.heading_rad])
         pose[which] = (50.0, 50.0, 0.0) if begins else pose[700]
-        made, _ = without_held(replace(late, reference=ReferenceLog(lost.time_s, *pose.T)))
+        made, _ = without_lost_reference(replace(late, reference=ReferenceLog(lost.time_s, *pose.T)))
         kept = slice(80, None) if begins else slice(None, 701)
         assert np.array_equal(reference_of(made).time_s, lost.time_s[kept])
 
@@ -76,16 +77,16 @@ def test_a_pose_that_repeats_at_rest_is_true_also_if_it_is_late() -> None:
     r = reference_of(standing)
     for lag_s in (0.0, 0.4):
         late = replace(standing, reference=replace(r, time_s=r.time_s + lag_s))
-        assert without_held(late)[0] is late
+        assert without_lost_reference(late)[0] is late
     # Zeros in between are not.
-    made, held_s = without_held(repeating(replace(standing, reference=r), (0.0, 0.0, 0.0)))
+    made, held_s = without_lost_reference(repeating(replace(standing, reference=r), (0.0, 0.0, 0.0)))
     assert held_s > 4.0
     assert np.hypot(reference_of(made).x_m, reference_of(made).y_m)[-50:].min() > 1.0
 
 
 def test_a_recording_without_repeats_stays_as_it_is() -> None:
     recording = recorded(SLALOM, 3)
-    assert without_held(recording)[0] is recording
+    assert without_lost_reference(recording)[0] is recording
 
 
 @pytest.mark.parametrize("has_gyro", [True, False])
@@ -129,7 +130,7 @@ def test_equal_readings_of_a_dead_band_or_at_the_limit_are_no_lost_gyro(reading:
     rate = reading(recording.fog.rate_rad_s)
     assert max(last - first for first, last in runs(np.diff(rate) == 0.0)) >= FEWEST_ALIKE
     recording = replace(recording, fog=replace(recording.fog, rate_rad_s=rate))
-    assert without_frozen(recording) is recording
+    assert without_lost_gyro(recording) is recording
 
 
 def test_equal_readings_of_a_coarse_gyro_are_no_lost_one() -> None:
@@ -138,5 +139,5 @@ def test_equal_readings_of_a_coarse_gyro_are_no_lost_one() -> None:
     step = 0.05
     coarse = replace(recording.fog, rate_rad_s=np.round(recording.fog.rate_rad_s / step) * step)
     rounded = replace(recording, fog=coarse)
-    assert without_frozen(recording) is not recording
-    assert without_frozen(rounded) is rounded
+    assert without_lost_gyro(recording) is not recording
+    assert without_lost_gyro(rounded) is rounded

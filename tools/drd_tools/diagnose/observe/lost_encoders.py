@@ -13,7 +13,8 @@ from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
-from drd_tools.diagnose.observe.held import FEWEST_ALIKE, LAGS_S, LEAST_M, MOST_LOST, is_rare
+from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, is_rare
+from drd_tools.diagnose.observe.lost_reference import LAGS_S, LEAST_M, MOST_LOST
 from drd_tools.recordings.folder import Recording
 
 Span = tuple[float, float]
@@ -27,7 +28,7 @@ FEWEST_STEPS: Final = 20  # of a counter: fewer do not show its usual step
 LEAP, CATCH_UP = 20.0, 4.0
 
 
-def without_stalled(recording: Recording) -> Recording:
+def without_lost_encoders(recording: Recording) -> Recording:
     """Leave out the rows of lost encoders, and note it. (68)
 
     A reader that has lost them repeats what it read last, or zeros. One counter that stands still and goes on from

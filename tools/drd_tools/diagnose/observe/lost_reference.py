@@ -1,6 +1,5 @@
-"""Rows that repeat the last one of a sensor that was lost: a reference's pose, a gyro's reading."""
+"""Rows of a lost reference, which repeat the last pose, or zeros, while the robot moves."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -8,8 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
-from drd.batch.logs import FogLog
-from drd_tools.diagnose.observe.audit import ALIKE_SHARE
 from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
@@ -17,14 +14,11 @@ from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
 
 LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
 LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot do not repeat to the last digit
-FEWEST_ALIKE: Final = 10  # readings of a gyro
-BY_CHANCE: Final = 1e-6  # expected runs of so many equal readings, at most: else the gyro's resolution is coarse
-OUT_OF_BAND: Final = 3.0  # times the smallest reading: the wheels' yaw rate, with any tread, if no dead band reads zero
 MOST_LOST: Final = 0.5  # of the rows: a sensor that was lost for longer contradicts the others, which must be told
 LAGS_S: Final = np.linspace(0.0, MOST_LAG_S, 5)  # of the reference: what it says at rest, it says late
 
 
-def without_held(recording: Recording) -> tuple[Recording, float]:
+def without_lost_reference(recording: Recording) -> tuple[Recording, float]:
     """Leave out the rows of a lost reference; also the time that they cover, s. Without wheels, none is known. (71)
 
     A tracker that has lost the robot repeats its last pose, or writes zeros. Taken for a robot at rest, that is slip.
@@ -86,52 +80,3 @@ class _Travel:
             return True
         moved_m = abs(self._at_m[next_row] - self._at_m[row])
         return bool(moved_m > 2.0 * self._between_m(row, next_row).max() + self._limit_m)
-
-
-def without_frozen(recording: Recording) -> Recording:
-    """Leave out a gyro's rows that repeat one reading, and note it; without wheels, none is known. (68)
-
-    A reader that has lost the gyro repeats its last reading, or zeros. Neither is a dead band, which hides slow turns
-    only, nor clipping, at the largest rate.
-    """
-    fog = recording.fog
-    if fog is None or recording.wheels is None:
-        return recording
-    is_frozen, notes = np.zeros(len(fog.time_s), np.bool_), []
-    for first, last in _frozen(recording, fog):
-        is_frozen[first + 1 : last + 1] = True
-        begin_s, end_s = (float(fog.time_s[row]) for row in (first, last))
-        notes.append(f"fog.csv repeats one reading from {begin_s:.1f} to {end_s:.1f} s: left out")
-    if not notes or is_frozen.mean() > MOST_LOST:
-        return recording
-    celsius = None if fog.temperature_c is None else fog.temperature_c[~is_frozen]
-    kept = replace(fog, time_s=fog.time_s[~is_frozen], rate_rad_s=fog.rate_rad_s[~is_frozen], temperature_c=celsius)
-    return replace(recording, fog=kept, notes=(*recording.notes, *notes))
-
-
-def _frozen(recording: Recording, fog: FogLog) -> list[tuple[int, int]]:
-    """First and last row of each repeated reading."""
-    rate, repeats = np.abs(fog.rate_rad_s), np.diff(fog.rate_rad_s) == 0.0
-    found = [(first, last) for first, last in runs(repeats) if last - first + 1 >= FEWEST_ALIKE]
-    if not found or not is_rare(repeats, found):
-        return []
-    left_rad, right_rad = recording.wheel_angles_rad()
-    turned = np.cumsum(np.abs(np.diff(right_rad - left_rad, prepend=0.0)))
-    turned *= recording.nominal.wheel_radius_m / recording.nominal.tread_m
-    at_rad = np.interp(fog.time_s, recording.encoders.time_s, turned)
-    smallest = float(np.percentile(rate[rate > 0.0], 1.0))
-
-    def is_possible(first: int, last: int) -> bool:
-        is_slow = at_rad[last] - at_rad[first] <= OUT_OF_BAND * smallest * (fog.time_s[last] - fog.time_s[first])
-        return bool(rate[first] >= (1.0 - ALIKE_SHARE) * rate.max() or (rate[first] == 0.0 and is_slow))
-
-    return [(first, last) for first, last in found if not is_possible(first, last)]
-
-
-def is_rare(repeats: npt.NDArray[np.bool_], found: Sequence[tuple[int, int]]) -> bool:
-    """Whether FEWEST_ALIKE repeated rows (n,) in a row are no chance, given how many repeat outside the runs found."""
-    is_single = np.ones(len(repeats), np.bool_)
-    for first, last in found:
-        is_single[first:last] = False
-    share = float(repeats[is_single].mean()) if is_single.any() else 1.0
-    return len(repeats) * share ** (FEWEST_ALIKE - 1) <= BY_CHANCE

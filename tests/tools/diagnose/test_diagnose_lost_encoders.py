@@ -14,7 +14,7 @@ from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import make_drive
 from drd_tools.calibrate.wheels.fit import fit_wheels
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.observe.stalled import without_stalled
+from drd_tools.diagnose.observe.lost_encoders import without_lost_encoders
 from drd_tools.recordings.folder import Recording
 
 LOST_S = (60.0, 65.0)
@@ -56,7 +56,7 @@ def changed(recording: Recording, change: Change, sides: str = "both") -> Record
 
 def left_out(recording: Recording) -> Array:
     """Times of the rows that are left out."""
-    made = without_stalled(recording)
+    made = without_lost_encoders(recording)
     return np.setdiff1d(recording.encoders.time_s, made.encoders.time_s)
 
 
@@ -83,15 +83,15 @@ def test_rows_of_lost_encoders_are_left_out_and_noted(recording: Recording, chan
     inside = recording.encoders.time_s[rows_of(recording)]
     assert set(times_s) <= set(inside)
     assert len(times_s) >= len(inside) - 2
-    (note,) = without_stalled(lost).notes
+    (note,) = without_lost_encoders(lost).notes
     assert "encoders.csv repeats one row while the robot moves, from 60." in note
 
 
 def test_a_counter_that_stops_and_wheels_at_rest_are_no_lost_encoders() -> None:
     one = changed(COUNTS, stopped, "left")
-    assert without_stalled(one) is one
+    assert without_lost_encoders(one) is one
     for recording in (COUNTS, RATES, recorded(("stand", 60.0), 3), recorded(("spins", 120.0), 3)):
-        assert without_stalled(recording) is recording
+        assert without_lost_encoders(recording) is recording
 
 
 def at_rest(jump_m: float) -> Recording:
@@ -112,7 +112,7 @@ def at_rest(jump_m: float) -> Recording:
 
 def test_a_reference_that_jumps_while_the_robot_stands_is_no_motion() -> None:
     standing = at_rest(3.0)
-    assert without_stalled(standing) is standing
+    assert without_lost_encoders(standing) is standing
 
 
 def test_a_robot_that_hardly_ever_moves_has_no_lost_encoders() -> None:
@@ -120,7 +120,7 @@ def test_a_robot_that_hardly_ever_moves_has_no_lost_encoders() -> None:
     steps = np.zeros(len(log.time_s))
     steps[200:230] = steps[900:930] = 50.0
     resting = replace(COUNTS, wheels=replace(log, left_counts=np.cumsum(steps), right_counts=np.cumsum(steps)))
-    assert without_stalled(replace(resting, reference=None, fog=None)).wheels is resting.wheels
+    assert without_lost_encoders(replace(resting, reference=None, fog=None)).wheels is resting.wheels
 
 
 def test_counts_of_a_coarse_encoder_repeat_while_it_creeps() -> None:
@@ -135,14 +135,14 @@ def test_counts_of_a_coarse_encoder_repeat_while_it_creeps() -> None:
     along = replace(r, x_m=0.1 * r.time_s, y_m=still, heading_rad=still)
     wheels = replace(COUNTS.encoders, left_counts=counts, right_counts=counts)
     creeping = replace(COUNTS, nominal=coarse, wheels=wheels, reference=along, fog=None)
-    assert without_stalled(creeping) is creeping
+    assert without_lost_encoders(creeping) is creeping
 
 
 def test_the_gyro_shows_that_wheels_without_a_reference_are_lost() -> None:
     lost = changed(replace(COUNTS, reference=None), stopped)
     assert len(left_out(lost)) > 40
     blind = replace(lost, fog=None)
-    assert without_stalled(blind) is blind
+    assert without_lost_encoders(blind) is blind
 
 
 @pytest.mark.parametrize("has_gyro", [True, False])
