@@ -171,3 +171,13 @@ def test_wheels_are_calibrated_beside_a_gap_of_their_speeds() -> None:
         assert drive.reference_s[window[-1]] <= LOST_S[0] + 0.1 or drive.reference_s[window[0]] >= LOST_S[1]
     fit = fit_wheels([drive])
     assert fit.wheels.tread_m / drive.nominal.tread_m == pytest.approx(1.3, abs=0.01)
+
+
+def test_a_single_impossible_speed_is_left_out() -> None:
+    log = RATES.encoders
+    assert log.left_rad_s is not None
+    spiked = log.left_rad_s.copy()
+    spiked[1200] = 300.0
+    lost = replace(RATES, wheels=replace(log, left_rad_s=spiked))
+    assert left_out(lost).tolist() == [log.time_s[1200]]
+    assert analyse(lost).conclusion.causes == []

@@ -141,3 +141,54 @@ def test_equal_readings_of_a_coarse_gyro_are_no_lost_one() -> None:
     rounded = replace(recording, fog=coarse)
     assert without_lost_gyro(recording) is not recording
     assert without_lost_gyro(rounded) is rounded
+
+
+def elsewhere(recording: Recording, *at_s: float) -> Recording:
+    """With a pose 30 m off at each of these times."""
+    r = reference_of(recording)
+    x_m = r.x_m.copy()
+    x_m[np.searchsorted(r.time_s, at_s)] += 30.0
+    return replace(recording, reference=replace(r, x_m=x_m))
+
+
+def test_single_poses_out_of_reach_are_left_out_and_jumps_and_noise_are_not() -> None:
+    recording = recorded(SLALOM, 3)
+    r = reference_of(recording)
+    made, held_s = without_lost_reference(elsewhere(recording, 50.0, 70.0))
+    assert np.setdiff1d(r.time_s, reference_of(made).time_s) == pytest.approx([50.0, 70.0], abs=0.1)
+    assert held_s == pytest.approx(0.2)
+    jumping = replace(recording, reference=replace(r, x_m=np.where(r.time_s > 50.0, r.x_m + 30.0, r.x_m)))
+    assert without_lost_reference(jumping)[0] is jumping
+    # Thirty times the stated noise: far from each other, but no further than usual.
+    noise_m = np.random.default_rng(1).normal(0.0, 0.3, len(r.time_s))
+    noisy = replace(recording, reference=replace(r, x_m=r.x_m + noise_m))
+    assert len(reference_of(without_lost_reference(noisy)[0]).time_s) > 0.99 * len(r.time_s)
+
+
+def test_poses_in_a_gap_of_the_wheels_are_in_reach() -> None:
+    """They are a metre apart, where the wheels tell nothing."""
+    recording = recorded(("field", 120.0), 3)
+    log, r = recording.encoders, reference_of(recording)
+    known = (log.time_s < LOST_S[0]) | (log.time_s > LOST_S[1])
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    still = np.where(log.time_s > LOST_S[0], log.left_counts[np.searchsorted(log.time_s, LOST_S[0])], log.left_counts)
+    gap = replace(log, time_s=log.time_s[known], left_counts=still[known], right_counts=log.right_counts[known])
+    sparse = ReferenceLog(*(a[::10] for a in (r.time_s, r.x_m, r.y_m, r.heading_rad)))
+    reset = replace(recording, wheels=gap, reference=sparse)
+    assert without_lost_reference(reset)[0] is reset
+
+
+def test_a_single_impossible_reading_is_left_out_and_noted() -> None:
+    recording = recorded(SLALOM, 3)
+    assert recording.fog is not None
+    rate = recording.fog.rate_rad_s.copy()
+    rate[600] = 20.0
+    spiked = replace(recording, fog=replace(recording.fog, rate_rad_s=rate))
+    made = without_lost_gyro(spiked)
+    assert made.fog is not None
+    assert np.setdiff1d(recording.fog.time_s, made.fog.time_s).tolist() == [recording.fog.time_s[600]]
+    (note,) = made.notes
+    assert "fog.csv has a row 20 times as large as any neighbour" in note
+    assert analyse(spiked).conclusion.causes == []
+    assert without_lost_gyro(recorded(("spins", 120.0), 3)).notes == ()

@@ -1,4 +1,4 @@
-"""Rows of lost encoders, which repeat the last reading, or zeros, while the robot moves."""
+"""Rows of lost encoders, which repeat the last reading, or zeros, while the robot moves, and impossible speeds."""
 
 from dataclasses import replace
 from typing import Final
@@ -13,7 +13,7 @@ from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
-from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, is_rare
+from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, LEAP, is_rare, isolated, leaps
 from drd_tools.diagnose.observe.lost_reference import LAGS_S, LEAST_M, MOST_LOST
 from drd_tools.recordings.folder import Recording
 
@@ -24,8 +24,8 @@ SIGMAS: Final = 10.0  # of the reference's noise: seven of a difference
 WITHIN_S: Final = 2.0  # a slower motion may be the drift of a reference at rest
 LEAST_RAD: Final = 10.0 * RAD_PER_DEG  # of a turn: more than a gyro's bias adds, with wheels at rest
 FEWEST_STEPS: Final = 20  # of a counter: fewer do not show its usual step
-# Times nearly the largest step of a counter: no wheel does that in a row; and one that missed half a second does.
-LEAP, CATCH_UP = 20.0, 4.0
+# Times nearly the largest step of a counter: a wheel does not do that in a row, unless it missed half a second.
+CATCH_UP: Final = 4.0
 
 
 def without_lost_encoders(recording: Recording) -> Recording:
@@ -40,12 +40,18 @@ def without_lost_encoders(recording: Recording) -> Recording:
     is_lost = np.zeros(len(log.time_s), np.bool_)
     for first, last in _counters(recording, log) if log.left_counts is not None else _speeds(recording, log):
         is_lost[first : last + 1] = True
-    if not is_lost.any() or is_lost.mean() > MOST_LOST:
+    is_leap = np.zeros(len(log.time_s), np.bool_)
+    for speed in (log.left_rad_s, log.right_rad_s):
+        if speed is not None:
+            is_leap |= isolated(speed)
+    if not (is_lost | is_leap).any() or is_lost.mean() > MOST_LOST:
         return recording
     spans_s = [(log.time_s[first], log.time_s[end - 1]) for first, end in runs(is_lost)]
     notes = [
         f"encoders.csv repeats one row while the robot moves, from {a:.1f} to {b:.1f} s: left out" for a, b in spans_s
     ]
+    notes += leaps("encoders.csv", log.time_s[is_leap])
+    is_lost |= is_leap
 
     def known(column: Array | None) -> Array | None:
         return None if column is None else column[~is_lost]

@@ -1,5 +1,6 @@
-"""Rows of a lost reference, which repeat the last pose, or zeros, while the robot moves."""
+"""Rows of a lost reference, which repeat the last pose, or zeros, while the robot moves, and single poses elsewhere."""
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -7,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
+from drd_tools import robust
+from drd_tools.diagnose.observe.comparable import MOST_M_S
 from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
@@ -14,6 +17,7 @@ from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
 
 LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
 LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot do not repeat to the last digit
+FAR: Final = 3.0  # times the wheels' travel: with a stopped counter, which halves it, and radii half as large again
 MOST_LOST: Final = 0.5  # of the rows: a sensor that was lost for longer contradicts the others, which must be told
 LAGS_S: Final = np.linspace(0.0, MOST_LAG_S, 5)  # of the reference: what it says at rest, it says late
 
@@ -28,9 +32,8 @@ def without_lost_reference(recording: Recording) -> tuple[Recording, float]:
         return recording, 0.0
     pose = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])
     repeats = (np.diff(pose, axis=0) == 0.0).all(axis=1)
-    if not repeats.any():
-        return recording, 0.0
     is_lost, travel = np.zeros(len(pose), np.bool_), _Travel(recording, reference)
+    is_lost[1:-1] = travel.is_far[:-1] & travel.is_far[1:]  # single poses
     for first, last in runs(repeats):
         is_lost[first : last + 1] = travel.lost(first, last)
     if not is_lost.any() or is_lost.mean() > MOST_LOST:
@@ -58,25 +61,23 @@ class _Travel:
         path_m = cumulative(recording.nominal.wheel_radius_m * np.abs(np.diff(angles_rad)).mean(axis=0))
         late_s = reference.time_s[:, None] - LAGS_S
         self._path_m = np.interp(late_s, recording.encoders.time_s, path_m)
-        self._at_m = reference.x_m + 1j * reference.y_m
-        sigma_m = datasheet_noise(recording.nominal).position_m
-        self._limit_m = max(LEAST_M, LEAST_SIGMAS * sigma_m)
+        at_m = np.column_stack([reference.x_m, reference.y_m])
+        # The stated noise may be too small. The second difference of three rows has six times their variance.
+        bends_m = np.diff(at_m, n=2, axis=0).T if len(at_m) > 2 else np.zeros((2, 1))
+        scatter_m = max(robust.deviation(of_axis) for of_axis in bends_m) / math.sqrt(6.0)
+        self._limit_m = max(LEAST_M, LEAST_SIGMAS * max(datasheet_noise(recording.nominal).position_m, scatter_m))
+        # In a gap of the wheels, any travel is possible.
+        gaps_s = cumulative(recording.wheel_gaps() * np.diff(recording.encoders.time_s))
+        unseen_m = MOST_M_S * np.interp(late_s, recording.encoders.time_s, gaps_s)
+        between_m = np.diff(self._path_m + unseen_m, axis=0).max(axis=1)
+        # Whether the reference moves further from each row to the next than the wheels drive.
+        self.is_far = np.hypot(*np.diff(at_m, axis=0).T) > FAR * between_m + self._limit_m
 
     def lost(self, first: int, last: int) -> npt.NDArray[np.bool_] | bool:
         """Which rows of a repeated pose are lost, of `first` to `last`; the first is none if the robot was there."""
-        is_far_before, is_far_after = self._is_far(first - 1, first), self._is_far(last, last + 1)
-        if self._between_m(first, last).min() > self._limit_m:
+        is_far_before = first == 0 or bool(self.is_far[first - 1])
+        is_far_after = last == len(self.is_far) or bool(self.is_far[last])
+        if (self._path_m[last] - self._path_m[first]).min() > self._limit_m:
             is_there = not (is_far_before if first else is_far_after)
             return np.arange(last - first + 1) >= is_there
         return is_far_before and is_far_after
-
-    def _between_m(self, first: int, last: int) -> Array:
-        between_m: Array = self._path_m[last] - self._path_m[first]
-        return between_m
-
-    def _is_far(self, row: int, next_row: int) -> bool:
-        """Whether the reference moves further from one row to the next than the wheels drive, or there is none."""
-        if row < 0 or next_row == len(self._at_m):
-            return True
-        moved_m = abs(self._at_m[next_row] - self._at_m[row])
-        return bool(moved_m > 2.0 * self._between_m(row, next_row).max() + self._limit_m)

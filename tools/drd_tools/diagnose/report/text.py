@@ -56,7 +56,7 @@ FAULTS: Final = {
     "left": "the reference is mounted {} to the left of the robot's centre",
     "heading": "the reference heading is offset from the robot's by {}",
     "smoothing": "the reference is smoothed: weight {} on a moving average of 0.6 s",
-    "held": "the reference repeats one pose while the robot moves, for {} s in all (left out)",
+    "held": "the reference was lost (one pose repeated, or poses out of the robot's reach) for {} s in all (left out)",
     "jumps": "jumps in the reference position: {}",
     "delay": "the wheels lag the reference by {} (which of the two is off is unknown)",
 }
