@@ -261,3 +261,14 @@ def test_without_a_gyro_a_clock_is_named_beyond_what_references_drift_by_themsel
     assert 0.75 < cause.probabilities[slow.id] < 0.95
     assert "may also be the reference's own" in cause.sentence
     assert "drift" not in analysis.reference  # said once
+
+
+def test_the_ratio_of_the_wheels_noise_is_that_of_rows_whose_sensors_were_read() -> None:
+    """Beside rows of any size, the jitter of the others would not show."""
+    e = gather(recorded(("field", 120.0), 1, *FAR))
+    noisy = replace(e.datasheet, jitter_s=0.1)
+    lost = np.where((e.time_s > 60.0) & (e.time_s < 65.0), 1.0, 0.0)
+    whole, gap = (ratios(Problem(own, noise=noisy))["slip"] for own in (e, replace(e, gyro_inflation_rad2=lost)))
+    assert whole is not None
+    assert whole > 1.5
+    assert gap == pytest.approx(whole, rel=0.1)

@@ -12,7 +12,7 @@ from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.conclude.rivals import FAR_NATS, near_sets
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
-from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.select.library import is_plausible, is_possible
 from drd_tools.diagnose.select.search import (
     Found,
     Search,
@@ -260,3 +260,10 @@ def test_of_two_of_a_name_the_one_that_is_driven_beyond_all_sizes_goes_alone() -
     (kept,) = _with_others(p, refine(p, ()), starts, 0.0).fit.selection
     assert kept.number("left") == pytest.approx(0.1, abs=0.02)
     assert kept.begin_s == 20.0
+
+
+@pytest.mark.parametrize(("scale", "expected"), [(0.1, True), (-0.1, True), (0.2, False), (-50.0, False)])
+def test_a_scale_beside_a_form_is_as_limited_as_one_alone(scale: float, expected: bool) -> None:
+    bent = selected("gyro_scale_nonlinearity", a2=0.01, a3=0.008, largest_rate=0.5)
+    assert is_plausible(replace(bent, values={**bent.values, "scale": scale})) == expected
+    assert is_plausible(selected("gyro_scale_error", k=scale)) == expected
