@@ -25,7 +25,8 @@ MISSING_ROWS: Final = 1.5
 # Whole ns up to here fit into 64 bits; and in a longer pause every tick would give a pose.
 LATEST_S: Final = 4e9
 LONGEST_GAP_S: Final = 86_400.0
-USUAL_GAP_S: Final = 10.0  # between two rows: no robot is dead-reckoned with less; 10 ms in milliseconds are more
+# Between two rows: no robot is dead-reckoned with fewer; rows of less than 100 Hz, in milliseconds, are further apart.
+USUAL_GAP_S: Final = 10.0
 
 
 def check_times(fog: FogLog | None, encoders: EncoderLog, names: tuple[str, str] = ("gyro", "wheels")) -> None:

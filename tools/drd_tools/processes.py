@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Final, Protocol, TypeVar
 
 from tqdm import tqdm
@@ -55,22 +56,19 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def mapped(jobs: int) -> Iterator[Map]:
-    """Provide the `map` of a pool of `jobs` processes, which work ahead; if 1, the built-in one."""
+def mapped(jobs: int, at_once: int = 1) -> Iterator[Map]:
+    """Provide the `map` of `jobs` processes, which work ahead, on `at_once` items each; if 1, the built-in one."""
     if jobs == 1:
         yield map
         return
     with pool_of(jobs) as pool:
-        yield pool.map
+        yield partial(pool.map, chunksize=at_once)
 
 
 def called(calls: Sequence[Callable[[], T]], jobs: int, at_once: int = 1) -> Iterator[T]:
     """Results of calls, in order, from `jobs` processes that take `at_once` calls at a time; if 1, from this one."""
-    if jobs == 1:
-        yield from (call() for call in calls)
-        return
-    with pool_of(jobs) as pool:
-        yield from pool.map(operator.call, calls, chunksize=at_once)
+    with mapped(jobs, at_once) as each:
+        yield from each(operator.call, calls)
 
 
 @contextmanager

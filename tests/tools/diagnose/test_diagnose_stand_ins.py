@@ -90,7 +90,7 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
     alone = concluded(result)
     assert alone.model.terms == ()
     assert alone.findings[0].surrogate is None
-    # Of several recordings, only their common model is validated.
+    # Only the common model of several recordings is validated.
     of_all = together([case.recording] * 2, [prepared(case.again())], [alone] * 2, "all")
     assert [t.effect.id for t in of_all.model.terms] == ["wheel_radius_error"]
 

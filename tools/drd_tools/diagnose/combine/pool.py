@@ -182,9 +182,11 @@ def _of_all(parameters: Mapping[str, Amount], beside: Term | None, said: Sequenc
 
 
 def _values(parameters: Mapping[str, Amount]) -> list[str]:
-    return [
-        f"{n} = {rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") for n, a in parameters.items() if a.std > 0.0
-    ]
+    return [f"{name} = {_value(amount)}" for name, amount in parameters.items() if amount.std > 0.0]
+
+
+def _value(amount: Amount) -> str:
+    return f"{rounded(amount.value, amount.std)} {amount.unit}".removesuffix(" 1")
 
 
 def _apart(said: Sequence[_Said]) -> str:
@@ -194,7 +196,7 @@ def _apart(said: Sequence[_Said]) -> str:
         values = [(f.parameters[name], recording) for recording, f in said if name in f.parameters]
         if contradict([amount for amount, _ in values]):
             pair = max(combinations(values, 2), key=lambda two: sigmas(two[0][0], two[1][0]))
-            shown = [f"{rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") + f" in {where}" for a, where in pair]
+            shown = [f"{_value(amount)} in {where}" for amount, where in pair]
             told.append(f"{name} is {shown[0]} and {shown[1]}")
     return f" They contradict each other: {'; '.join(told)}." if told else ""
 

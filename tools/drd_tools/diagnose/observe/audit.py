@@ -81,8 +81,8 @@ def _with_jumps(e: Evidence) -> Evidence:
         edges = e.edges_s
         off_rad = moved[:, 2] - np.diff(np.interp(at, edges, cumulative(e.gyro_rad)))
         off_rad -= np.median(off_rad)
-    # The stated noise may be too small. The second difference of three rows has six times their variance.
-    position_m = max(e.datasheet.position_m, robust.deviation(np.diff(moved[:, :2], axis=0)) / math.sqrt(6.0))
+    # The stated noise may be too small.
+    position_m = max(e.datasheet.position_m, robust.scatter(e.fix[:, :2]))
     heading_rad = max(e.datasheet.heading_rad, robust.deviation(off_rad) / math.sqrt(2.0))
     # After a longer gap, neither the speed nor the gyro's turn is known as well.
     unseen_s = np.maximum(gap_s - LONGEST_FIX_S, 0.0)

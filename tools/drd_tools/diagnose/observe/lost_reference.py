@@ -1,6 +1,5 @@
 """Rows of a lost reference, which repeat the last pose, or zeros, while the robot moves, and single poses elsewhere."""
 
-import math
 from dataclasses import replace
 from typing import Final
 
@@ -62,10 +61,9 @@ class _Travel:
         late_s = reference.time_s[:, None] - LAGS_S
         self._path_m = np.interp(late_s, recording.encoders.time_s, path_m)
         at_m = np.column_stack([reference.x_m, reference.y_m])
-        # The stated noise may be too small. The second difference of three rows has six times their variance.
-        bends_m = np.diff(at_m, n=2, axis=0).T if len(at_m) > 2 else np.zeros((2, 1))
-        scatter_m = max(robust.deviation(of_axis) for of_axis in bends_m) / math.sqrt(6.0)
-        self._limit_m = max(LEAST_M, LEAST_SIGMAS * max(datasheet_noise(recording.nominal).position_m, scatter_m))
+        # The stated noise may be too small.
+        sizes_m = datasheet_noise(recording.nominal).position_m, *map(robust.scatter, at_m.T)
+        self._limit_m = max(LEAST_M, LEAST_SIGMAS * max(sizes_m))
         # In a gap of the wheels, any travel is possible.
         gaps_s = cumulative(recording.wheel_gaps() * np.diff(recording.encoders.time_s))
         unseen_m = MOST_M_S * np.interp(late_s, recording.encoders.time_s, gaps_s)

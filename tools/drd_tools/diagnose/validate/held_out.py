@@ -21,7 +21,7 @@ from drd_tools.diagnose.regression.refine import discrepancies, refine
 from drd_tools.diagnose.results import Figures, Ranges
 from drd_tools.diagnose.select.start import started
 from drd_tools.diagnose.selected import Selected
-from drd_tools.diagnose.validate.trajectory import judged
+from drd_tools.diagnose.validate.trajectory import errors_of
 from drd_tools.processes import Map
 from drd_tools.recordings.folder import Recording
 
@@ -53,7 +53,7 @@ def prepared(recording: Recording) -> Prepared:
         problem = started(audited, measured).problem
         audited = replace(audited, evidence=problem.evidence)
         # A late reference is not an error of the pose: judge with corrected stamps.
-        return Prepared(recording, measured, audited, problem.path, judged(measured.recording, None)[0])
+        return Prepared(recording, measured, audited, problem.path, errors_of(measured.recording, None))
 
 
 def held_out_nats(terms: Iterable[Term], held_out: Sequence[Prepared], each: Map = map) -> dict[str, float]:

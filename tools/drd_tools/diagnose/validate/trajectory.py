@@ -34,6 +34,11 @@ def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
     return figures_of(recording, rows, model), rows
 
 
+def errors_of(recording: Recording, model: Path | None) -> Figures:
+    """Figures against the reference, with a model or without; for a process that need not return the poses."""
+    return judged(recording, model)[0]
+
+
 def replayed(recording: Recording, model: Path | None = None) -> Array:
     """Poses (n, columns) of the estimator, with a model or without; none without wheels. Uses no reference."""
     if recording.wheels is None:

@@ -17,7 +17,7 @@ from drd_tools.diagnose.conclude.judgement import CONFIRMING_E
 from drd_tools.diagnose.results import Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.series import Bar
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Prepared, held_out_nats
-from drd_tools.diagnose.validate.trajectory import judged
+from drd_tools.diagnose.validate.trajectory import errors_of
 from drd_tools.processes import Map
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
@@ -58,7 +58,7 @@ def validate(
         save_model(file, model)
         if not model.terms:
             return model, before
-        return model, [figures for figures, _ in each(partial(judged, model=file), recordings)]
+        return model, list(each(partial(errors_of, model=file), recordings))
 
     model, after = saved(())
     near = [msgspec.structs.replace(f.surrogate, provenance={"why": SURROGATE}) for f in findings if f.surrogate]
