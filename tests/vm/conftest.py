@@ -12,5 +12,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         return
     terminalreporter.section("virtual machine")
     terminalreporter.write_line(kernel)
+    lates = ", ".join(f"{late_s:.3f}" for late_s in config.stash.get(table.LATE_S, []))
+    terminalreporter.write_line(f"the gyros were late by at most {lates} s, each time that machines ran")
     for line in table.lines(verdicts) if verdicts else ():
         terminalreporter.write_line(line)

@@ -7,6 +7,7 @@ from vm.guest import CHECKS
 
 VERDICTS = pytest.StashKey[dict[str, dict[str, Any]]]()
 KERNEL = pytest.StashKey[str]()
+LATE_S = pytest.StashKey[list[float]]()
 SEEN_CHARACTERS = 100
 
 

@@ -3,6 +3,7 @@
 import os
 import shutil
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -12,13 +13,17 @@ import pytest
 from vm import image, kernel, machine, power_cut
 from vm.guest import CHECKS
 from vm.robot import NAMES, ROUNDS
-from vm.table import KERNEL, VERDICTS
+from vm.table import KERNEL, LATE_S, VERDICTS
 
 from drd.units import S_PER_NS
 
 pytestmark = pytest.mark.vm
 
 CUTS = 2
+# A gyro without packet numbers that is late by 0.75 of its 0.1 s seems to have lost a packet: the heading goes on with
+# the wheels', whose stamps scatter in these machines, and may be lost for good.
+TOO_LATE_S = 0.07
+ATTEMPTS = 3
 KEPT = image.CHECKOUT / "out" / "vm"
 
 
@@ -44,10 +49,11 @@ def attempt(request: pytest.FixtureRequest) -> Run | str:
         except kernel.NoKernelError as error:
             return str(error)
         disk = image.build(work, chosen.modules)
-        left = machine.run(chosen, disk, work, ROUNDS[0])
+        stash[LATE_S] = []
+        left = some_round(chosen, disk, work, ROUNDS[0], stash[LATE_S])
         with ThreadPoolExecutor(1) as beside:
             cuts = beside.submit(some_cuts, chosen, disk, work)
-            left |= machine.run(chosen, disk, work, ROUNDS[1])
+            left |= some_round(chosen, disk, work, ROUNDS[1], stash[LATE_S])
         verdicts = {name: machine.results(out) for name, out in left.items()}
         consoles = {name: machine.console_end(out) for name, out in left.items()}
         stash[VERDICTS] = {title: verdict for own in verdicts.values() for title, verdict in own.items()}
@@ -55,6 +61,22 @@ def attempt(request: pytest.FixtureRequest) -> Run | str:
         for name, out in left.items():
             shutil.copytree(out, KEPT / name, ignore=shutil.ignore_patterns("__pycache__"))
         return Run(verdicts, consoles, machine.poses_outside(left["driving"]), cuts.result())
+
+
+def some_round(
+    chosen: kernel.Kernel, disk: Path, work: Path, names: Sequence[str], lates_s: list[float]
+) -> dict[str, Path]:
+    """What machines that run beside each other left. Where checks failed and the host was too late, they run again.
+
+    Appends to `lates_s` how late it was each time.
+    """
+    for attempt in range(ATTEMPTS):
+        (own := work / f"{names[0]}-{attempt}").mkdir()
+        left, late_s = machine.run(chosen, disk, own, names)
+        lates_s.append(late_s)
+        if late_s < TOO_LATE_S or all(one["ok"] for out in left.values() for one in machine.results(out).values()):
+            break
+    return left
 
 
 def some_cuts(chosen: kernel.Kernel, disk: Path, work: Path) -> list[dict[str, Any]]:
