@@ -61,5 +61,5 @@ def recorded(
 
 
 def problem(drive: tuple[str, float], seed: int, *selection: Selected, conditions: Conditions | None = None) -> Problem:
-    """The regression problem of such a recording, with the noise of the data sheets."""
+    """The regression problem of such a recording, with the noise of the datasheets."""
     return Problem(gather(recorded(drive, seed, *selection, conditions=conditions)))

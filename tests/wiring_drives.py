@@ -29,7 +29,7 @@ GEOMETRY = Geometry(TREAD_M, COUNT_M)
 class Robot:
     """Faults first: factors on each sensor's reading (-1: sign, 0: dead), swapped sides, ratio of effective tread.
 
-    Noise as in a data sheet: bias, deg/s; angle random walk, deg/sqrt(h); each wheel's travel, m/sqrt(m).
+    Noise as in a datasheet: bias, deg/s; angle random walk, deg/sqrt(h); each wheel's travel, m/sqrt(m).
     """
 
     gyro: float = 1.0

@@ -36,7 +36,7 @@ NOISE_KEYS: Final = {
     "gyro_bias_repeatability_deg_s": "gyro_bias_repeatability_deg_s",  # and estimation.initial.gyro_bias_deg_s
     "slip_noise_m_per_sqrt_m": "wheel_m_per_sqrt_m",
 }
-# Not used: fog.resolution_deg_s (its noise is in the random walk that a data sheet measures), reference.*, kinds.
+# Not used: fog.resolution_deg_s (its noise is in the random walk that a datasheet measures), reference.*, kinds.
 # Replaces the configuration's defaults, which are an RD2100 FOG's, for a MEMS gyro without values in robot.yaml:
 # Xsens MTi-1 noise density 0.007 deg/s/sqrt(Hz), bias instability 10 deg/h; turn-on bias of an MTi within 0.5 deg/s.
 MEMS: Final = {
@@ -64,7 +64,7 @@ class Robot:
     drive: Annotated[Literal["auto", "differential", "skid"] | None, "drive"] = None
     # Faster wheel travel counts as a jump of the counter; None: MAX_SPEED_M_S
     max_speed_m_s: Annotated[Annotated[float, "m/s", Meta(ge=0.01, le=100)] | None, "max_speed_m_s"] = None
-    # The gyro's data sheet. Values that it lacks default to a MEMS gyro's noise for kind "MEMS", else to a FOG's
+    # The gyro's datasheet. Values that it lacks default to a MEMS gyro's noise for kind "MEMS", else to a FOG's
     gyro_kind: Annotated[str | None, "fog.kind"] = None
     # Output rate; None: from the time stamps
     gyro_rate_hz: Annotated[Annotated[float, "Hz", Meta(ge=1e-3, le=1e5)] | None, "fog.rate_hz"] = None
@@ -218,7 +218,7 @@ def longest_gap_s(wheels_hz: float) -> float:
 
 
 def data_sheet(robot: Robot) -> Robot:
-    """The robot, with typical MEMS noise where its gyro is a MEMS gyro and the data sheet states none."""
+    """The robot, with typical MEMS noise where its gyro is a MEMS gyro and the datasheet states none."""
     if (robot.gyro_kind or "").upper() != "MEMS":
         return robot
     return replace(robot, **{name: value for name, value in MEMS.items() if getattr(robot, name) is None})  # type: ignore[arg-type]  # fields of numbers

@@ -1,4 +1,4 @@
-"""The gyro's own clock is not what its data sheet says."""
+"""The gyro's own clock is not what its datasheet says."""
 
 from drd.effects.effect import ActsOn, Begins, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion

@@ -49,7 +49,7 @@ class NoiseProfile:
 
 
 def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0, interval_s: float = 0.0) -> NoiseProfile:
-    """The profile of data-sheet numbers; `resolution_m` is one encoder count, `interval_s` the time between
+    """The profile of datasheet numbers; `resolution_m` is one encoder count, `interval_s` the time between
     readings of the encoders, in which the speed is assumed constant. (24), (25)
     """
     return NoiseProfile(

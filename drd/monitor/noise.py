@@ -15,14 +15,14 @@ Flags = npt.NDArray[np.bool_]
 
 KINDS: Final = 3  # at rest, ahead, turning
 TAIL_SIGMAS: Final = 3.0  # rows beyond are limited to this: slip comes in bursts
-SHEET_ROWS: Final = 30.0  # weight of a data sheet's noise
+SHEET_ROWS: Final = 30.0  # weight of a datasheet's noise
 MOST_ROWS: Final = 600.0  # memory in rows: a minute's
 UNFIT: Final = 10.0  # times the stated variance, including the allowance for slip
 FEWEST_ROWS: Final = 6  # of a kind in a block
 
 
 class RowNoise:
-    """`scale` (KINDS,): variance of a row over that of the data sheets. `scatter`: that of the constants.
+    """`scale` (KINDS,): variance of a row over that of the datasheets. `scatter`: that of the constants.
 
     `skids`: the robot's wheels slip sideways in each turn. `before`: the same robot's noise under another assumption
     on its wheels, which have no influence at rest.
@@ -36,7 +36,7 @@ class RowNoise:
 
     @property
     def at_rest(self) -> float:
-        """The gyro's noise over that of its data sheet, at least 1; its bias walks by as much more."""
+        """The gyro's noise over that of its datasheet, at least 1; its bias walks by as much more."""
         return math.sqrt(max(1.0, float(self.scale[0])))
 
     @property
@@ -47,7 +47,7 @@ class RowNoise:
     def weights(self, x: Array, rest: Array, variance: Array, kind: Kinds, good: Flags) -> Array:
         """Weights of the rows, (n,): inverse variances, smaller for outliers; learns from the rows.
 
-        `x` (n, columns), `rest` (n,): residuals of the model; `variance`: by the data sheets.
+        `x` (n, columns), `rest` (n,): residuals of the model; `variance`: by the datasheets.
         """
         sigma = np.sqrt(variance * self.scale[kind])
         w = good / sigma

@@ -312,7 +312,7 @@ def test_the_scale_of_all_ways_stays_unobservable_while_the_tread_is_found() -> 
 
 
 def turns_then_rest(rng: np.random.Generator, deg_per_sqrt_h: float, bias_rad_s: float, rest_s: float) -> Iterator[tuple[float, Sample]]:  # fmt: skip  # noqa: E501
-    """Two turns as `drive` makes them, with noise as a data sheet has it, then wheels that stand."""
+    """Two turns as `drive` makes them, with noise as a datasheet has it, then wheels that stand."""
     n = deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(GYRO_S)
     moving_s = 30.0
     for t_s, true in drive(moving_s):

@@ -1,4 +1,4 @@
-"""The monitor on the demo's robot, whose radii, tread and scale are as a tape and a data sheet leave them."""
+"""The monitor on the demo's robot, whose radii, tread and scale are as a tape and a datasheet leave them."""
 
 import numpy as np
 import pytest

@@ -171,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--reference-latency", type=number(0.0, 1.0), default=0.0, metavar="S", help="age of the reference's poses")
     add("--reference-lever", type=_lever, default=(0.0, 0.0), metavar="X,Y", help="point it sees: forward, left, m")
     add("--stressed", action="store_true",
-        help="noise unlike the data sheets', heavy tails, late reference off the centre")  # fmt: skip
+        help="noise unlike the datasheets', heavy tails, late reference off the centre")  # fmt: skip
     add("--config", type=Path, metavar="FILE", help="with .mcap: the daemon's configuration (default: robot.yaml's)")
     add("--real-bus", action="store_true", help="with --live: allow a CAN bus that is not virtual")
     add = parser.add_mutually_exclusive_group(required=True).add_argument

@@ -92,7 +92,7 @@ def test_what_the_reference_does_is_taken_off_and_no_mismatch() -> None:
 
 
 def test_long_rests_do_not_make_the_noise_in_motion_larger() -> None:
-    # 12 of 20 blocks stand, where a draw leaves a hundredth of the noise: less than data sheets and constant allow for.
+    # 12 of 20 blocks stand, where a draw leaves a hundredth of the noise: less than datasheets and constant allow for.
     q = np.where(np.arange(20) < 12, 0.0, np.linspace(1e-6, 4e-6, 20))
     moves = q > 0.0
     for seed in range(6):

@@ -185,7 +185,7 @@ def test_a_clock_that_drifts_is_measured_by_the_lag_that_grows() -> None:
 
 @pytest.mark.parametrize("ratio", [0.97, 1.01])
 def test_a_gyros_clock_is_what_wheels_and_reference_run_away_from_together(ratio: float) -> None:
-    """A DSP-3000's samples come 2 to 3 % faster or slower than its data sheet has it."""
+    """A DSP-3000's samples come 2 to 3 % faster or slower than its datasheet has it."""
     clock = selected("gyro_sample_clock", ratio=ratio)
     recording = far(clock)
     found = constants(recording).robot

@@ -214,6 +214,6 @@ def test_wheels_of_half_their_size_do_not_stand_for_a_tread() -> None:
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
 @pytest.mark.parametrize("seconds", [np.inf, 30.0], ids=["ends", "30 s"])
 def test_few_fixes_of_a_real_robot_are_expected_as_far_off_as_its_wheels_slip(seconds: float) -> None:
-    """Wheels that slip against each other by 0.02 m/sqrt(m), as data sheets do not have it, slip together, too."""
+    """Wheels that slip against each other by 0.02 m/sqrt(m), as datasheets do not have it, slip together, too."""
     found = analyse(every(read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39"), seconds)).conclusion.found
     assert 0.015 < found.problem.noise.forward_m_per_sqrt_m < 0.04

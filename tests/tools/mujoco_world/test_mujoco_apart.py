@@ -10,7 +10,7 @@ import drd_tools.mujoco_world as package
 from drd.cli import main as drd
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
-# The forms of the recording folder, the errors, the look of pictures; and the sensors with their data sheets, which are
+# The forms of the recording folder, the errors, the look of pictures; and the sensors with their datasheets, which are
 # those of all worlds.
 SHARED = {
     "drd.arrays",

@@ -27,7 +27,7 @@ def test_each_gyro_is_as_bad_as_table_i_says(seed: int) -> None:
     rate = RATES[RATES != 0.0]
     at_factory = (g.error_deg_s(rate, 25.0) - g.error_deg_s(0.0, 25.0)) / rate
     assert np.sqrt(np.mean(at_factory**2)) == pytest.approx(0.005, rel=0.35)
-    # The straight line of the data sheet is the best one.
+    # The straight line of the datasheet is the best one.
     assert abs(np.polyfit(rate, at_factory * rate, 1)[0]) < 0.001
 
 

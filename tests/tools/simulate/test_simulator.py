@@ -1,4 +1,4 @@
-"""The simulated sensors keep to their data sheets, and share noise with and without effects."""
+"""The simulated sensors keep to their datasheets, and share noise with and without effects."""
 
 import hashlib
 import math

@@ -81,7 +81,7 @@ class Analysis:
         return self.measured.recording
 
     def noise_ratios(self) -> Figures:
-        """Ratios of the fitted noise to the data sheets'."""
+        """Ratios of the fitted noise to the datasheets'."""
         return ratios(self.conclusion.found.problem)
 
     def scatter(self) -> tuple[list[Scatter], list[Spread]]:

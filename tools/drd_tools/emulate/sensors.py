@@ -23,7 +23,7 @@ class TruePath(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorErrors:
-    """Errors of a gyro of the KVH RD2100's class (its data sheet, quoted as Table I of the paper), and of a robot
+    """Errors of a gyro of the KVH RD2100's class (its datasheet, quoted as Table I of the paper), and of a robot
     measured with a tape: 0.1 to 0.2 % of radius, 2 % of effective tread.
 
     `clock_error_percent`: how much faster than nominal the packets come (DSP-3000 manual 54-0215: 2 to 3 % unit to

@@ -52,7 +52,7 @@ CAUSES: Final = (
 GROUPS: Final = tuple(dict.fromkeys(cause.group for cause in CAUSES))
 
 HELP: Final = {
-    "gyro noise": "a gyro with a smaller angle random walk; `drd calibrate noise` measures it, if the data sheet's is "
+    "gyro noise": "a gyro with a smaller angle random walk; `drd calibrate noise` measures it, if the datasheet's is "
     "only a limit",
     "gyro bias": "a longer standstill before the mission (estimation.static_bias.duration_s), or drd/calibrate_bias at "
     "stops; `drd calibrate noise` measures the walk",

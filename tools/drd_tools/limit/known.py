@@ -37,7 +37,7 @@ class Known:
 def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
     """Noise and geometry from the recording's files: the datasheet if it states them, else as measured."""
     if recording.nominal.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
-        return Known(*_datasheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
+        return Known(*_datasheet(recording, config, drive), "noise of the datasheets, geometry known exactly")
     noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
     if not drive.gyro_hz:
         noise = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)

@@ -32,9 +32,9 @@ class Readings(NamedTuple):
 
 
 def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
-    """Nominal robot, with track and radius from the drawing and noise from data sheets."""
+    """Nominal robot, with track and radius from the drawing and noise from datasheets."""
     return replace(
-        DEFAULT,  # for the data-sheet values of gyro and reference
+        DEFAULT,  # for the datasheet values of gyro and reference
         name=name,
         wheel_radius_m=vehicle.wheel_radius_m,
         counts_per_revolution=float(COUNTS_PER_REVOLUTION),

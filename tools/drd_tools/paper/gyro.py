@@ -50,7 +50,7 @@ class SimulatedGyro(Effect):
         half = 0.5 * phase
         shapes = np.sinc(phase / math.pi), half * np.sinc(half / math.pi) ** 2
         curve = _mixed(shapes, RATE_SHAPES, random)
-        # The data sheet's straight line is the best one over the full range.
+        # The datasheet's straight line is the best one over the full range.
         curve -= np.average(curve, weights=rate**2)
         curve = curve / math.sqrt(np.mean(curve**2)) + _ripple(6.0 * rate, random)
         self._scale_at = rate * physics.full_scale_deg_s, curve * physics.nonlinearity

@@ -1,4 +1,4 @@
-"""Conditions of a run apart from the robot: ground, noise relative to the data sheets, and the reference."""
+"""Conditions of a run apart from the robot: ground, noise relative to the datasheets, and the reference."""
 
 import math
 import zlib
@@ -69,8 +69,8 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """Conditions: `*_noise` are factors on robot.yaml's data sheets, including the gyro's bias. `tails`: degrees of
-    freedom of Student's t, scaled to the data sheet; inf: Gaussian, otherwise more than 2. `jitter_s`: scatter of the
+    """Conditions: `*_noise` are factors on robot.yaml's datasheets, including the gyro's bias. `tails`: degrees of
+    freedom of Student's t, scaled to the datasheet; inf: Gaussian, otherwise more than 2. `jitter_s`: scatter of the
     stamps. `quantise`: round the gyro's rate and temperature to their resolution (counts are always whole).
     """
 
@@ -84,7 +84,7 @@ class Conditions:
     ground: Ground = field(default_factory=Ground)
 
     def stressed(self, seed: int) -> "Conditions":
-        """Worsen the conditions without adding an effect: noise up to 30 % off the data sheets, heavy tails, a
+        """Worsen the conditions without adding an effect: noise up to 30 % off the datasheets, heavy tails, a
         reference up to 10 ms late and up to 5 cm off the centre.
         """
         random = stream(seed, "stress")

@@ -23,7 +23,7 @@ def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:
     return [
         f"Mission {about['mission']}, {driven}: {about['duration_s']:g} s, {about['length_m']:.1f} m; it ends "
         f"{apart_m:.3f} m from where it began.",
-        f"Effects: {', '.join(names)}." if names else "No effect: nothing is wrong but the noise of the data sheets.",
+        f"Effects: {', '.join(names)}." if names else "No effect: nothing is wrong but the noise of the datasheets.",
     ]
 
 
@@ -63,7 +63,7 @@ def write_report(folder: Path) -> None:
         header = ("effect", "parameter", "value", "what it is")
         page.table(header, effect_table(about), text_columns={1, 2, 3})
     page.heading("What was simulated")
-    page.table(("condition", "value"), condition_table(about), "Noise: factors on the data sheets in robot.yaml")
+    page.table(("condition", "value"), condition_table(about), "Noise: factors on the datasheets in robot.yaml")
     page.heading("robot.yaml: what is believed")
     page.code((folder / "robot.yaml").read_text(encoding="utf-8"))
     page.save(folder / "report.html")

@@ -1,6 +1,6 @@
 """Simulated readings of gyro, wheel counters and reference, for trajectories from any simulation.
 
-The noise is that of the data sheets in robot.yaml. Each source of noise has its own random numbers.
+The noise is that of the datasheets in robot.yaml. Each source of noise has its own random numbers.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Simulation of a robot's sensors for a true motion, with data-sheet noise and effects of the catalogue."""
+"""Simulation of a robot's sensors for a true motion, with datasheet noise and effects of the catalogue."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

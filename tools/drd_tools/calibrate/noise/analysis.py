@@ -140,7 +140,7 @@ def _warm_up_left_out_s(log: StaticLog, warm_up: WarmUp | None) -> float:
 
 
 def _instability_rad_s(found: Fit) -> float:
-    """Bias instability as data sheets give it: the lowest point of the curve over 0.664."""
+    """Bias instability as datasheets give it: the lowest point of the curve over 0.664."""
     return math.sqrt(float(found.variance.min()) / FLOOR)
 
 
@@ -148,7 +148,7 @@ def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
     """Choose the configuration's noise profile. (50)
 
     A random walk that the log does not show is not zero: use its upper bound, unless the configuration's default
-    is lower. Then the log is too short to improve on a data sheet.
+    is lower. Then the log is too short to improve on a datasheet.
     """
     default = Noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     n = angle.value if angle.is_visible else angle.high
@@ -160,7 +160,7 @@ def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
 
 
 def unit_of(term: int) -> tuple[str, str, float, str]:
-    """Name, data-sheet unit, that unit in SI, and symbol of a term, for reports."""
+    """Name, datasheet unit, that unit in SI, and symbol of a term, for reports."""
     return (*_UNITS[term], TERMS[term])
 
 

@@ -1,4 +1,4 @@
-"""Uncertainty of the wheels, from the scatter of windows or recordings, and from data sheets. (54)"""
+"""Uncertainty of the wheels, from the scatter of windows or recordings, and from datasheets. (54)"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,7 +13,7 @@ from drd_tools.calibrate.wheels.drive import Drive
 
 QUANTILE: Final = 0.975
 RANK: Final = 1e-9  # smaller eigenvalues of a start pose's information, relative to the largest, count as zero
-FEWEST_FREEDOMS: Final = 3.0  # with fewer the scatter is left to chance: data sheets are used too
+FEWEST_FREEDOMS: Final = 3.0  # with fewer the scatter is left to chance: datasheets are used too
 WHEELS: Final = 3  # the first shared unknowns are the wheels': mean scale, difference, tread
 MANY_RECORDINGS: Final = 4
 NOTABLE_DISAGREEMENT: Final = 1.5
@@ -74,7 +74,7 @@ def covariances(
 ) -> Covariances:
     """Covariance of mean scale, difference and tread. (54)
 
-    From the scatter of the windows; from that of the recordings if they disagree; and from data-sheet noise if the
+    From the scatter of the windows; from that of the recordings if they disagree; and from datasheet noise if the
     windows leave few degrees of freedom. Held unknowns have zeros. `prior`, `own_prior`: standard deviations of p
     shared and q own unknowns, the wheels' first. `belief`: standard deviations of nominal values, for those held.
     """
@@ -139,7 +139,7 @@ def _widened(V: Array, freedoms: Array) -> Array:
 
 
 def _stated(part: Evidence, a: Array) -> Array:
-    """Covariance from data-sheet values of reference noise and slip, shape (c, c)."""
+    """Covariance from datasheet values of reference noise and slip, shape (c, c)."""
     influence = part.weighted @ a
     white = np.einsum("nij,nik,ni->jk", influence, influence, 1.0 / part.weights)
     return np.asarray(white + part.drive.slip_m_per_sqrt_m**2 * _slip_scatter(part.drive, influence))

@@ -54,7 +54,7 @@ class Mounting:
 
 @dataclass(frozen=True)
 class Drive:
-    """One recording: wheel angles, the reference's rows within the wheels' time, and data-sheet noise.
+    """One recording: wheel angles, the reference's rows within the wheels' time, and datasheet noise.
 
     `gaps_s` (k, 2): spans of time without counts, with the reference's largest lag.
     """

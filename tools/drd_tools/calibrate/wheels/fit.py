@@ -158,7 +158,7 @@ class Part:
 
 
 def new_part(drive: Drive) -> Part:
-    """Make the part of a recording before any fit, with data-sheet weights."""
+    """Make the part of a recording before any fit, with datasheet weights."""
     weights = np.tile([drive.position_sigma_m**-2, drive.heading_sigma_rad**-2], (len(drive.windows[0]), 1))
     return Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
 

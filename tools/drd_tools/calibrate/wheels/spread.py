@@ -37,7 +37,7 @@ def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, ...]:
     """Spread of left radius, right radius and tread, relative to `fit`; nan if fewer than two drives determine a value.
 
     Each drive is fitted alone, with the common mounting, which would otherwise be confounded with radii and tread.
-    Drives that do not determine a value are left out. The noise of each is that of its windows: data-sheet slip is
+    Drives that do not determine a value are left out. The noise of each is that of its windows: datasheet slip is
     often larger, and would hide differences between drives.
     """
     if len(drives) < 2:

@@ -22,7 +22,7 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Level, Scatter, Window
 from drd_tools.diagnose.series import Spread
 
-MOST_NOISE: Final = 2.0  # times the stated noise: data sheets are right within a factor of 1.5
+MOST_NOISE: Final = 2.0  # times the stated noise: datasheets are right within a factor of 1.5
 BLOCK_S: Final = 2.0  # real slip is correlated for about so long
 BLOCK_ROWS: Final = 4  # fewer do not determine a size
 MOST_BLOCKS: Final = 600  # all intervals are tried: limits time and memory
@@ -90,7 +90,7 @@ class _Law:
 
 
 def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scatter], list[Spread]]:
-    """Locate each noise above MOST_NOISE times its data sheet, and give its course. `left` (r,): the fit's residual."""
+    """Locate each noise above MOST_NOISE times its datasheet, and give its course. `left` (r,): the fit's residual."""
     sheet = data_sheet(nominal)
     told, courses = [], []
     sizes = ratios(problem)

@@ -18,7 +18,7 @@ SLOWLY_RAD: Final = 0.5  # between fixes; of headings without meaning, one in si
 
 def follow(e: Evidence) -> Path:
     """Dead-reckon with the measured constants, then smooth the path to the fixes, trusting the sensors less than their
-    data sheets do.
+    datasheets do.
     """
     # A tread 70 % off makes half a turn too much in a few seconds without gyro: no fix tells it from half too little.
     turn = e.apart_m / (e.tread_m * e.robot.tread)

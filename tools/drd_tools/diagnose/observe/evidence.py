@@ -21,14 +21,14 @@ from drd_tools.recordings.folder import Recording
 FEWEST_STEPS: Final = 10  # fewer leave nothing to be fitted
 UNSEEN: Final = 1e12  # sigma of an unobserved quantity, m or rad
 NEIGHBOURS: Final = 1  # steps on either side into which a stamp may shift a count
-# Defaults if robot.yaml states none: data sheets of the supported gyros, and a smooth floor.
+# Defaults if robot.yaml states none: datasheets of the supported gyros, and a smooth floor.
 WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
 BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
-INFLATION: Final = 10.0  # times the data sheets': largest long-run slip of real wheels
-LEAST: Final = 1e-2  # of the default: no sensor is free of noise, whatever its data sheet states
-LATERAL_SHARE: Final = 0.25  # of the slip: not in any data sheet
+INFLATION: Final = 10.0  # times the datasheets': largest long-run slip of real wheels
+LEAST: Final = 1e-2  # of the default: no sensor is free of noise, whatever its datasheet states
+LATERAL_SHARE: Final = 0.25  # of the slip: not in any datasheet
 POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
 HEADING_SIGMA_DEG: Final = 0.5  # of the same
 LONGEST_FIX_S: Final = 0.5  # between sparser fixes a robot may turn and stop
@@ -36,7 +36,7 @@ LONGEST_FIX_S: Final = 0.5  # between sparser fixes a robot may turn and stop
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Sizes of the noise, SI. Those of the data sheets are the priors of the fitted ones. (68)"""
+    """Sizes of the noise, SI. Those of the datasheets are the priors of the fitted ones. (68)"""
 
     walk_rad_per_sqrt_s: float
     bias_rad_s: float

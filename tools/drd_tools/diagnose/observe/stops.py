@@ -31,7 +31,7 @@ DELAY_S: Final = 0.05  # error of a lag, or its change in a drive (87)
 LAG_S: Final = 0.1  # lag between wheels and a sparse reference, which does not determine it
 # Share of the other wheel's travel that must be missing, with a measured tread and without.
 MEASURED, BELIEVED = 0.3, 0.5
-LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: ageing or warm-up exceeds the data sheet
+LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: ageing or warm-up exceeds the datasheet
 LIKELY_SHARE: Final = 0.3  # of the other wheel's travel: if missing next to a certain stop, part of it
 
 

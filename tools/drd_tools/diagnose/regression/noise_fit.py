@@ -1,4 +1,4 @@
-"""Robust estimates of the noise from the residual of the selected effects, with data sheets as priors. (77)"""
+"""Robust estimates of the noise from the residual of the selected effects, with datasheets as priors. (77)"""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from drd_tools.diagnose.regression.residuals import (
 )
 from drd_tools.diagnose.results import Figures
 
-BELIEVED: Final = 1.5  # a data sheet is right within about this factor
+BELIEVED: Final = 1.5  # a datasheet is right within about this factor
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
 # Sizes that share one factor: the gyro's; the wheels' sideways, ahead, and against each other.
 WALK: Final = ("walk_rad_per_sqrt_s",)

@@ -23,7 +23,7 @@ NOTHING: Final[Prior] = {}
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: required rms of the rates that a dead band hides
 MOST_OF_THE_WAY: Final = 0.8  # an effect on more of it is permanent, not one of an interval
 LARGEST: Final = 1e16  # sigmas of a row: impossible, and its square would overflow single precision
-BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
+BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the datasheet
 
 
 @dataclass(frozen=True)

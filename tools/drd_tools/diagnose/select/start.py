@@ -20,7 +20,7 @@ APART_S: Final = 2.0  # between fixes: four times what real drives hold speeds, 
 
 
 class Start(NamedTuple):
-    """A problem with the data sheets' noise, the effects `known` by logic, and the `constants`, if any."""
+    """A problem with the datasheets' noise, the effects `known` by logic, and the `constants`, if any."""
 
     problem: Problem
     known: list[Selected]
