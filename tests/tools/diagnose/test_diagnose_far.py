@@ -239,6 +239,17 @@ def test_of_three_sensors_the_earliest_is_in_time() -> None:
     assert found.lag_s == pytest.approx(REFERENCE_S - WHEELS_S, abs=0.02)
 
 
+@pytest.mark.parametrize(("ahead_s", "is_noted"), [(0.0, False), (0.2, True)])
+def test_sensors_later_than_the_reference_may_be_in_time_by_a_clock_that_is_ahead(
+    ahead_s: float, is_noted: bool
+) -> None:
+    """Nothing in the recording tells a delay of both sensors from the reference's clock, as of another computer."""
+    recording = recorded(("field", 200.0), 1, *FAR)
+    measured, _ = observe(late(recording, -ahead_s))
+    assert measured.ahead_s == pytest.approx(ahead_s, abs=0.02)
+    assert any("its clock may be ahead" in note for note in measured.recording.notes) == is_noted
+
+
 def test_cleared_wheels_turn_when_the_gyro_does() -> None:
     """The error of a tread that is far off is taken off at the time of the turn, not at that of its late reading."""
     recording = recorded(("field", 200.0), 1, *FAR)

@@ -60,6 +60,11 @@ class Constants:
         return self.lag_sigma_s > 0.0
 
     @property
+    def ahead_s(self) -> float:
+        """How far the reference's clock may be ahead instead: gyro and wheels are both later, by no less; else 0."""
+        return min(self.robot.gyro_lag_s, self.robot.wheels_lag_s)
+
+    @property
     def selection(self) -> tuple[Selected, ...]:
         """Effects of the catalogue with these constants."""
         found = []
@@ -174,8 +179,12 @@ def observe(recording: Recording) -> tuple[Constants, Audit]:
     check_conventions(recording)
     seen, held_s = without_lost_reference(without_lost_encoders(recording))
     measured, audited = _observed(without_lost_gyro(as_read(seen)))
+    notes = measured.recording.notes
+    if measured.ahead_s:
+        late = f"gyro and encoders are later than the reference, both by {measured.ahead_s:.2f} s or more"
+        notes = (*notes, f"{late}: its clock may be ahead instead")
     # Keep the rows as the daemon would receive them, with repeated counts and readings.
-    as_received = replace(recording, reference=measured.recording.reference, notes=measured.recording.notes)
+    as_received = replace(recording, reference=measured.recording.reference, notes=notes)
     return replace(measured, recording=as_received, held_s=held_s), audited
 
 
