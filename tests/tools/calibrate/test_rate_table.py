@@ -26,7 +26,7 @@ def refused(file: Path, text: str) -> str:
     ("text", "said"),
     [
         ("", "expected the header time_s,table_rate_deg_s,rate_deg_s,temperature_c (in any order"),
-        (HEADER, "expected at least 1 rows of numbers, got 0"),
+        (HEADER, "expected at least 1 row of numbers, got 0"),
         (
             "time_s,table_rate_deg_s,rate_deg_s\n1,2,3\n",
             ":1: header: expected time_s,table_rate_deg_s,rate_deg_s,temperature_c",

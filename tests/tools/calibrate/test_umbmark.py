@@ -156,7 +156,7 @@ def test_one_direction_cannot_be_evaluated() -> None:
         ("direction,x_m,y_m\ncw,0,zero\n", r"returns.csv:2: y_m: expected a finite number, got 'zero'"),
         ("direction,x_m,y_m\ncw,nan,0\n", r"returns.csv:2: x_m: expected a finite number, got 'nan'"),
         ("# a comment\n\ndirection,x_m,y_m\n\ncw,0\n", r"returns.csv:5: .*expected 3 columns, got 2"),
-        ("direction,x_m,y_m\n", r"at least 1 rows of numbers"),
+        ("direction,x_m,y_m\n", r"at least 1 row of numbers"),
     ],
 )
 def test_bad_returns_name_line_and_column(tmp_path: Path, text: str, expected: str) -> None:

@@ -160,7 +160,7 @@ def read_table(
         raise ConfigError(f"{file}:{first + 1}", "header", expected, repr(lines[first].strip()[:80]) + hint)
     numbered = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
     if len(numbered) < rows:
-        raise ConfigError(str(file), "", f"at least {rows} rows of numbers", str(len(numbered)))
+        raise ConfigError(str(file), "", f"at least {rows} row{'s' * (rows > 1)} of numbers", str(len(numbered)))
     places = {name: names.index(name) for name in header}
     wanted = list(places.values()) if among else None
     readers: dict[int | str, Callable[[str], float]] = {places[n]: cells[n] for n in header if n in cells}
