@@ -11,7 +11,7 @@ from diagnosis_drives import SLALOM, recorded, selected, simulated
 from diagnosis_runs import SPEEDS
 
 from drd.arrays import Array
-from drd_tools.calibrate.wheels.drive import make_drive
+from drd_tools.calibrate.wheels.drive import Drive, make_drive
 from drd_tools.calibrate.wheels.fit import fit_wheels
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.lost_encoders import without_lost_encoders
@@ -84,7 +84,7 @@ def test_rows_of_lost_encoders_are_left_out_and_noted(recording: Recording, chan
     assert set(times_s) <= set(inside)
     assert len(times_s) >= len(inside) - 2
     (note,) = without_lost_encoders(lost).notes
-    assert "encoders.csv repeats one row while the robot moves, from 60." in note
+    assert "encoders.csv repeats one reading from 60." in note
 
 
 def test_a_counter_that_stops_and_wheels_at_rest_are_no_lost_encoders() -> None:
@@ -158,19 +158,33 @@ def test_lost_encoders_name_nothing(recording: Recording, change: Change, has_gy
     assert analysis.recording.wheels is lost.wheels
 
 
-def test_wheels_are_calibrated_beside_a_gap_of_their_speeds() -> None:
-    recording = simulated(("field", 120.0), 3, selected("tread_error", k=0.3), nominal=SPEEDS).recording
-    log, known = recording.encoders, np.ones(len(recording.encoders.time_s), np.bool_)
-    known[rows_of(recording)] = False
+def beside_a_gap(recording: Recording, begin_s: float, end_s: float) -> Drive:
+    """The calibrator's drive, without the wheels' rows between these times."""
+    log = recording.encoders
+    known = (log.time_s <= begin_s) | (log.time_s >= end_s)
     assert log.left_rad_s is not None
     assert log.right_rad_s is not None
     gap = replace(log, time_s=log.time_s[known], left_rad_s=log.left_rad_s[known], right_rad_s=log.right_rad_s[known])
-    drive = make_drive(replace(recording, wheels=gap))
-    rows, starts = drive.windows
-    for window in np.split(rows, starts[1:]):
-        assert drive.reference_s[window[-1]] <= LOST_S[0] + 0.1 or drive.reference_s[window[0]] >= LOST_S[1]
+    return make_drive(replace(recording, wheels=gap))
+
+
+def test_wheels_are_calibrated_beside_a_gap_of_their_speeds() -> None:
+    recording = simulated(("field", 120.0), 3, selected("tread_error", k=0.3), nominal=SPEEDS).recording
+    drive = beside_a_gap(recording, *LOST_S)
     fit = fit_wheels([drive])
     assert fit.wheels.tread_m / drive.nominal.tread_m == pytest.approx(1.3, abs=0.01)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.9])
+def test_no_window_shows_a_gap_however_late_the_reference_is(late_s: float) -> None:
+    assert RATES.reference is not None
+    late = replace(RATES, reference=replace(RATES.reference, time_s=RATES.reference.time_s + late_s))
+    for end_s in np.arange(62.0, 68.0, 0.2):
+        drive = beside_a_gap(late, end_s - 5.0, end_s)
+        rows, starts = drive.windows
+        for window in np.split(rows, starts[1:]):
+            begins_s, ends_s = drive.reference_s[window[[0, -1]]]
+            assert ends_s <= end_s - 4.9 or begins_s >= end_s + late_s
 
 
 def test_a_single_impossible_speed_is_left_out() -> None:

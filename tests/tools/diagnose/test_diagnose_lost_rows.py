@@ -10,8 +10,9 @@ from diagnosis_drives import SLALOM, recorded
 from drd.arrays import Array
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.events import runs
-from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, without_lost_gyro
+from drd_tools.diagnose.observe.lost_gyro import without_lost_gyro
 from drd_tools.diagnose.observe.lost_reference import without_lost_reference
+from drd_tools.diagnose.observe.lost_rows import FEWEST_ALIKE
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
 LOST_S = (60.0, 65.0)

@@ -23,7 +23,7 @@ MIN_WINDOWS: Final = 6
 MIN_TRAVEL_TREADS: Final = 0.1
 SWEEP_DEG: Final = 5.0
 ALIGNMENT_STEPS: Final = 4
-MOST_LATE_S: Final = 0.5  # of a reference: it shows a gap of the wheels later
+MOST_LAG_S: Final = 1.0  # of a reference, which shows a gap of the wheels later: real ones are up to 0.5 s late
 # Defaults if robot.yaml does not state the reference's noise and the wheels' slip.
 POSITION_SIGMA_M: Final = 0.01
 HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
@@ -164,7 +164,7 @@ def make_drive(recording: Recording) -> Drive:
 
 def _gaps_s(recording: Recording) -> Array:
     time_s, gaps = recording.encoders.time_s, recording.wheel_gaps()
-    return np.column_stack([time_s[:-1][gaps], time_s[1:][gaps] + MOST_LATE_S])
+    return np.column_stack([time_s[:-1][gaps], time_s[1:][gaps] + MOST_LAG_S])
 
 
 def counted(drive: Drive, tread_m: float) -> Drive:

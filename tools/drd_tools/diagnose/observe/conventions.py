@@ -8,6 +8,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
+from drd_tools.calibrate.wheels.drive import MOST_LAG_S
 from drd_tools.importing.checks import WRONG, Finding, mistaken_unit
 from drd_tools.importing.examine import GyroRates, WheelTravel, examine
 from drd_tools.recordings.folder import Recording
@@ -21,7 +22,6 @@ EXPECTED: Final = {
     "sides": ("encoders.csv", "", "the left wheel on the left, and both positive ahead"),
     "unit": ("", "", "rate_deg_s and heading_deg in degrees"),
 }
-MOST_LAG_S: Final = 1.0  # between two sensors: real references are up to 0.5 s late
 SPAN_S: Final = 2.0  # in which travel and displacement are compared: beyond four times that lag, and short in a turn
 LEAST_M: Final = 0.2  # of displacement in a span, and the next beyond a reference's noise
 LEAST_SIGMAS: Final = 20.0

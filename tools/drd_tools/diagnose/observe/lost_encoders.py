@@ -10,11 +10,11 @@ from scipy.ndimage import maximum_filter1d
 from drd.arrays import Array, cumulative
 from drd.batch.logs import EncoderLog
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.observe.conventions import MOST_LAG_S
+from drd_tools.calibrate.wheels.drive import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
-from drd_tools.diagnose.observe.lost_gyro import FEWEST_ALIKE, LEAP, is_rare, isolated, leaps
-from drd_tools.diagnose.observe.lost_reference import LAGS_S, LEAST_M, MOST_LOST
+from drd_tools.diagnose.observe.lost_reference import LAGS_S, LEAST_M
+from drd_tools.diagnose.observe.lost_rows import FEWEST_ALIKE, LEAP, MOST_LOST, is_rare, isolated, notes
 from drd_tools.recordings.folder import Recording
 
 Span = tuple[float, float]
@@ -46,11 +46,8 @@ def without_lost_encoders(recording: Recording) -> Recording:
             is_leap |= isolated(speed)
     if not (is_lost | is_leap).any() or is_lost.mean() > MOST_LOST:
         return recording
-    spans_s = [(log.time_s[first], log.time_s[end - 1]) for first, end in runs(is_lost)]
-    notes = [
-        f"encoders.csv repeats one row while the robot moves, from {a:.1f} to {b:.1f} s: left out" for a, b in spans_s
-    ]
-    notes += leaps("encoders.csv", log.time_s[is_leap])
+    spans_s = [(float(log.time_s[first]), float(log.time_s[end - 1])) for first, end in runs(is_lost)]
+    told = notes("encoders.csv", spans_s, log.time_s[is_leap])
     is_lost |= is_leap
 
     def known(column: Array | None) -> Array | None:
@@ -64,7 +61,7 @@ def without_lost_encoders(recording: Recording) -> Recording:
         known(log.right_rad_s),
         None if log.is_lost is None else log.is_lost[~is_lost],
     )
-    return replace(recording, wheels=kept, notes=(*recording.notes, *notes))
+    return replace(recording, wheels=kept, notes=(*recording.notes, *told))
 
 
 def _counters(recording: Recording, log: EncoderLog) -> list[tuple[int, int]]:

@@ -8,16 +8,16 @@ import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
 from drd_tools import robust
+from drd_tools.calibrate.wheels.drive import MOST_LAG_S
 from drd_tools.diagnose.observe.comparable import MOST_M_S
-from drd_tools.diagnose.observe.conventions import MOST_LAG_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
+from drd_tools.diagnose.observe.lost_rows import MOST_LOST
 from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
 
 LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
 LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot do not repeat to the last digit
 FAR: Final = 3.0  # times the wheels' travel: with a stopped counter, which halves it, and radii half as large again
-MOST_LOST: Final = 0.5  # of the rows: a sensor that was lost for longer contradicts the others, which must be told
 LAGS_S: Final = np.linspace(0.0, MOST_LAG_S, 5)  # of the reference: what it says at rest, it says late
 
 
