@@ -179,7 +179,7 @@ def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> C
 
     `gyro_hz`, `wheels_hz`: the sensors' rates, used where the robot does not state them. None: there is no gyro.
     """
-    sheet, bias_s = data_sheet(nominal), nominal.standstill_at_start_s
+    sheet, bias_s = datasheet(nominal), nominal.standstill_at_start_s
     protocol: Literal["ecore", "none"] = "none" if gyro_hz is None else "ecore"
     gyro_hz, wheels_hz = sheet.gyro_rate_hz or gyro_hz or Fog.rate_hz, nominal.encoders_rate_hz or wheels_hz
     noise = _stated(Noise(), sheet, NOISE_KEYS)
@@ -217,7 +217,7 @@ def longest_gap_s(wheels_hz: float) -> float:
     return max(Encoders.gap_s, 3.0 / wheels_hz)
 
 
-def data_sheet(robot: Robot) -> Robot:
+def datasheet(robot: Robot) -> Robot:
     """The robot, with typical MEMS noise where its gyro is a MEMS gyro and the datasheet states none."""
     if (robot.gyro_kind or "").upper() != "MEMS":
         return robot

@@ -41,7 +41,7 @@ def test_a_perfect_gyro_says_the_change_of_heading() -> None:
     np.testing.assert_allclose(summed, true, atol=1e-12)
 
 
-def test_bias_and_angle_random_walk_are_those_of_the_data_sheet() -> None:
+def test_bias_and_angle_random_walk_are_those_of_the_datasheet() -> None:
     n, interval_s = 20_000, 0.1
     errors = SensorErrors(warm_up_c=0.0)
     gyro = sensors(STANDING, errors, 1)

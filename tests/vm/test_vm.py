@@ -66,9 +66,9 @@ def attempt(request: pytest.FixtureRequest) -> Run | str:
 def some_round(
     chosen: kernel.Kernel, disk: Path, work: Path, names: Sequence[str], lates_s: list[float]
 ) -> dict[str, Path]:
-    """What machines that run beside each other left. Where checks failed and the host was too late, they run again.
+    """Run machines beside each other, again where checks fail and the host was too late, and return what they left.
 
-    Appends to `lates_s` how late it was each time.
+    Appends to `lates_s` how late the host was each time.
     """
     for attempt in range(ATTEMPTS):
         (own := work / f"{names[0]}-{attempt}").mkdir()

@@ -168,9 +168,17 @@ def beside_a_gap(recording: Recording, begin_s: float, end_s: float) -> Drive:
     return make_drive(replace(recording, wheels=gap))
 
 
+def windows_s(drive: Drive) -> list[tuple[float, float]]:
+    """First and last time of each window, by the reference."""
+    rows, starts = drive.windows
+    return [(drive.reference_s[own[0]], drive.reference_s[own[-1]]) for own in np.split(rows, starts[1:])]
+
+
 def test_wheels_are_calibrated_beside_a_gap_of_their_speeds() -> None:
     recording = simulated(("field", 120.0), 3, selected("tread_error", k=0.3), nominal=SPEEDS).recording
     drive = beside_a_gap(recording, *LOST_S)
+    for begins_s, ends_s in windows_s(drive):
+        assert ends_s <= LOST_S[0] + 0.1 or begins_s >= LOST_S[1]
     fit = fit_wheels([drive])
     assert fit.wheels.tread_m / drive.nominal.tread_m == pytest.approx(1.3, abs=0.01)
 
@@ -180,10 +188,7 @@ def test_no_window_shows_a_gap_however_late_the_reference_is(late_s: float) -> N
     assert RATES.reference is not None
     late = replace(RATES, reference=replace(RATES.reference, time_s=RATES.reference.time_s + late_s))
     for end_s in np.arange(62.0, 68.0, 0.2):
-        drive = beside_a_gap(late, end_s - 5.0, end_s)
-        rows, starts = drive.windows
-        for window in np.split(rows, starts[1:]):
-            begins_s, ends_s = drive.reference_s[window[[0, -1]]]
+        for begins_s, ends_s in windows_s(beside_a_gap(late, end_s - 5.0, end_s)):
             assert ends_s <= end_s - 4.9 or begins_s >= end_s + late_s
 
 

@@ -196,7 +196,7 @@ def simulated(walk_deg_per_sqrt_h: float = 0.0833, seed: int = 1) -> Recording:
     return simulate(make_truth(make_drive("warehouse", 120.0)), nominal, seed=seed).recording
 
 
-def test_a_simulated_recording_has_the_noise_of_its_data_sheets() -> None:
+def test_a_simulated_recording_has_the_noise_of_its_datasheets() -> None:
     recording = simulated()
     config = configuration(recording)
     known = known_of(recording, config, replayed_drive(recording, config))

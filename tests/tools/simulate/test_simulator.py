@@ -50,7 +50,7 @@ def digest(simulated: Simulated) -> str:
     return hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest()
 
 
-def test_the_gyros_noise_is_that_of_its_data_sheet() -> None:
+def test_the_gyros_noise_is_that_of_its_datasheet() -> None:
     seconds, sheet = 3600, replace(DEFAULT, gyro_bias_random_walk_deg_per_h_per_sqrt_h=20.0)
     still = np.zeros(seconds * RATE_HZ)
     simulated = simulate(truth_of(still, still), sheet, seed=5)
@@ -64,7 +64,7 @@ def test_the_gyros_noise_is_that_of_its_data_sheet() -> None:
     assert 0.3 < adev[3] / expected < 2.5
 
 
-def test_the_bias_is_as_repeatable_as_its_data_sheet_says() -> None:
+def test_the_bias_is_as_repeatable_as_its_datasheet_says() -> None:
     truth = truth_of(np.zeros(RATE_HZ), np.zeros(RATE_HZ))
     biases = [simulate(truth, DEFAULT, seed=seed).bias_rad_s / RAD_PER_DEG for seed in range(300)]
     assert np.std(biases) == pytest.approx(0.02, rel=0.15)  # 3.7 sigma of 300
@@ -128,7 +128,7 @@ def test_wheels_turn_as_the_tread_and_the_speed_demand() -> None:
     assert right == pytest.approx(10.0 * (0.5 + 0.4 * 0.26), abs=2 * COUNT_M)
 
 
-def test_without_counts_the_drive_reports_speeds_and_without_a_data_sheet_there_is_no_gyro() -> None:
+def test_without_counts_the_drive_reports_speeds_and_without_a_datasheet_there_is_no_gyro() -> None:
     robot = replace(DEFAULT, counts_per_revolution=None).without_gyro()
     n = 5 * RATE_HZ
     recording = simulate(truth_of(np.full(n, 0.55), np.zeros(n)), robot, (), PERFECT).recording
@@ -234,7 +234,7 @@ def test_the_reference_is_there_when_asked(text: str, rows: int | None) -> None:
     assert (None if log is None else len(log.time_s)) == rows
 
 
-def test_heavy_tails_have_the_scatter_of_the_data_sheet() -> None:
+def test_heavy_tails_have_the_scatter_of_the_datasheet() -> None:
     heavy, light = scatter(200_000, stream(1, "x"), 5.0), scatter(200_000, stream(1, "x"), math.inf)
     assert heavy.std() == pytest.approx(1.0, rel=0.03)
     assert (np.abs(heavy) > 4.0).sum() > 10 * (np.abs(light) > 4.0).sum()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ from drd.arrays import Array
 from drd.batch.samples import LONGEST_GAP_S
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
+from drd_tools.recordings.folder import at_rows
 
 Times = npt.NDArray[np.int64]
 
@@ -119,7 +120,7 @@ def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tup
     if len(kept) < len(order):
         done = "added to it" if are_angles else "dropped"
         origin.notes.append(f"{len(order) - len(kept)} rows had the time of another one and were {done}")
-    changes = _at(values, kept)
+    changes = at_rows(values, kept)
     if are_angles:
         changes["value"] = np.add.reduceat(vars(values)["value"][order], np.flatnonzero(first))
     origin.rows = len(kept)
@@ -134,9 +135,4 @@ def _with_times(values: Values, origin: Origin) -> Values:
     if not unset.any() or values.time_ns.max() < LONGEST_GAP_S * NS_PER_S:
         return values
     origin.notes.append(f"{int(unset.sum())} rows had the time 0, none, and were left out")
-    return replace(values, **_at(values, ~unset))
-
-
-def _at(values: Values, rows: Any) -> dict[str, Any]:
-    """Arrays of the stream at these rows."""
-    return {name: value[rows] for name, value in vars(values).items() if isinstance(value, np.ndarray)}
+    return replace(values, **at_rows(values, ~unset))

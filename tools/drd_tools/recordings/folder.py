@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -254,6 +254,11 @@ def read_reference_log(file: Path) -> ReferenceLog:
     """Read a reference.csv. Raises ConfigError."""
     time_s, x_m, y_m, heading_deg = read_table(file, (POSES,)).values.T
     return ReferenceLog(time_s, x_m, y_m, continuous_rad(heading_deg))
+
+
+def at_rows(log: object, rows: Any) -> dict[str, Any]:
+    """The columns of a log, by name, at these rows: indices, or True for each row."""
+    return {name: column[rows] for name, column in vars(log).items() if isinstance(column, np.ndarray)}
 
 
 def wrapped(angle_rad: Array) -> Array:

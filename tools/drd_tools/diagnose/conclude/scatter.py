@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array, cumulative
-from drd.config.robot import Robot, data_sheet
+from drd.config.robot import Robot, datasheet
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.regression.noise_fit import not_inflated, ratios
 from drd_tools.diagnose.regression.problem import Problem
@@ -91,7 +91,7 @@ class _Law:
 
 def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scatter], list[Spread]]:
     """Locate each noise above MOST_NOISE times its datasheet, and give its course. `left` (r,): the fit's residual."""
-    sheet = data_sheet(nominal)
+    sheet = datasheet(nominal)
     told, courses = [], []
     sizes = ratios(problem)
     for rows in _channels(problem, left):

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from drd.arrays import Array, cumulative
-from drd.config.robot import Robot, data_sheet
+from drd.config.robot import Robot, datasheet
 from drd.config.schema import ConfigError
 from drd.effects.effect import NOMINAL, Calibrated
 from drd.units import RAD_PER_DEG, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
@@ -212,7 +212,7 @@ class Evidence:
 
 def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
     """The noise stated by robot.yaml, or the default. Without wheels no position is compared."""
-    nominal = data_sheet(nominal)
+    nominal = datasheet(nominal)
     per_revolution = nominal.counts_per_revolution
 
     def given(value: float | None, otherwise: float) -> float:

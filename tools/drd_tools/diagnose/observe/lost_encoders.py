@@ -15,7 +15,7 @@ from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
 from drd_tools.diagnose.observe.lost_reference import LAGS_S, LEAST_M
 from drd_tools.diagnose.observe.lost_rows import FEWEST_ALIKE, LEAP, MOST_LOST, is_rare, isolated, notes
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, at_rows
 
 Span = tuple[float, float]
 
@@ -48,19 +48,7 @@ def without_lost_encoders(recording: Recording) -> Recording:
         return recording
     spans_s = [(float(log.time_s[first]), float(log.time_s[end - 1])) for first, end in runs(is_lost)]
     told = notes("encoders.csv", spans_s, log.time_s[is_leap])
-    is_lost |= is_leap
-
-    def known(column: Array | None) -> Array | None:
-        return None if column is None else column[~is_lost]
-
-    kept = EncoderLog(
-        log.time_s[~is_lost],
-        known(log.left_counts),
-        known(log.right_counts),
-        known(log.left_rad_s),
-        known(log.right_rad_s),
-        None if log.is_lost is None else log.is_lost[~is_lost],
-    )
+    kept = replace(log, **at_rows(log, ~(is_lost | is_leap)))
     return replace(recording, wheels=kept, notes=(*recording.notes, *told))
 
 

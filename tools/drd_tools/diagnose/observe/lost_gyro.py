@@ -9,7 +9,7 @@ from drd.batch.logs import FogLog
 from drd_tools.diagnose.observe.audit import ALIKE_SHARE
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.lost_rows import FEWEST_ALIKE, MOST_LOST, is_rare, isolated, notes
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, at_rows
 
 OUT_OF_BAND: Final = 3.0  # times the smallest reading: the wheels' yaw rate, with any tread, if no dead band reads zero
 
@@ -32,9 +32,7 @@ def without_lost_gyro(recording: Recording) -> Recording:
         return recording
     spans_s = [(float(fog.time_s[first]), float(fog.time_s[last])) for first, last in frozen]
     told = notes("fog.csv", spans_s, fog.time_s[is_leap])
-    celsius = None if fog.temperature_c is None else fog.temperature_c[~is_lost]
-    kept = replace(fog, time_s=fog.time_s[~is_lost], rate_rad_s=fog.rate_rad_s[~is_lost], temperature_c=celsius)
-    return replace(recording, fog=kept, notes=(*recording.notes, *told))
+    return replace(recording, fog=replace(fog, **at_rows(fog, ~is_lost)), notes=(*recording.notes, *told))
 
 
 def _frozen(recording: Recording, fog: FogLog) -> list[tuple[int, int]]:

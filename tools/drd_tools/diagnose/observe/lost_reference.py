@@ -13,7 +13,7 @@ from drd_tools.diagnose.observe.comparable import MOST_M_S
 from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.observe.evidence import datasheet_noise
 from drd_tools.diagnose.observe.lost_rows import MOST_LOST
-from drd_tools.recordings.folder import Recording, ReferenceLog, wrapped
+from drd_tools.recordings.folder import Recording, ReferenceLog, at_rows, wrapped
 
 LEAST_M: Final = 0.05  # of travel: a reference of a few digits, or one that rounds to a grid, repeats less
 LEAST_SIGMAS: Final = 5.0  # of the reference's noise: poses of a moving robot do not repeat to the last digit
@@ -39,8 +39,8 @@ def without_lost_reference(recording: Recording) -> tuple[Recording, float]:
         return recording, 0.0
     held_s = float(np.diff(reference.time_s, prepend=reference.time_s[0])[is_lost].sum())
     kept = np.flatnonzero(~is_lost)
-    time_s, x_m, y_m = (row[kept] for row in (reference.time_s, reference.x_m, reference.y_m))
-    return replace(recording, reference=ReferenceLog(time_s, x_m, y_m, _continuous(pose[:, 2], kept))), held_s
+    columns = at_rows(reference, kept) | {"heading_rad": _continuous(reference.heading_rad, kept)}
+    return replace(recording, reference=replace(reference, **columns)), held_s
 
 
 def _continuous(heading_rad: Array, kept: npt.NDArray[np.intp]) -> Array:

@@ -1,4 +1,4 @@
-"""What shows that rows of a file were lost, whatever the sensor, and the notes on rows left out. (68)"""
+"""Signs that rows of a file were lost, whatever the sensor, and the notes on rows left out. (68)"""
 
 from collections.abc import Sequence
 from typing import Final

@@ -9,7 +9,7 @@ import numpy as np
 from drd.batch.run import zero_for_terms
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, at_rows
 
 PART: Final = "-part-"
 LOGS: Final = ("fog", "wheels", "reference")
@@ -63,7 +63,7 @@ def between(log: Any, begin_s: float, end_s: float) -> Any:
     inside = (log.time_s >= begin_s) & (log.time_s < end_s)
     if not inside.any():
         return None
-    return replace(log, **{n: v[inside] for n, v in vars(log).items() if isinstance(v, np.ndarray)})
+    return replace(log, **at_rows(log, inside))
 
 
 def first_s(recording: Recording) -> float:
